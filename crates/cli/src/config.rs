@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 /// Flags accepted as settings in files and in the environment.
-const SETTINGS: [&str; 32] = [
+const SETTINGS: [&str; 33] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -44,6 +44,7 @@ const SETTINGS: [&str; 32] = [
     "emitters",
     "receivers",
     "occluders",
+    "patches",
     "store",
     "min-factor",
     "threads",

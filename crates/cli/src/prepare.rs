@@ -12,7 +12,7 @@ use hemicube::backend::HemicubeBackend;
 use hemicube::driver::input::{SceneInput, SceneSettings as GivenSettings};
 use hemicube::driver::room::{self, Work};
 pub(crate) use hemicube::driver::settings::axis_name;
-use hemicube::{HierarchyOptions, Model};
+use hemicube::{Grouping, HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
@@ -27,6 +27,8 @@ pub(crate) struct Prepared {
     pub(crate) scene: SceneInput,
     pub(crate) patches: Arc<Patches>,
     pub(crate) model: Model,
+    /// The patches of a matrix that are several of the scene's triangles; `None`: each is one.
+    pub(crate) grouping: Option<Grouping>,
     pub(crate) input: Input,
     pub(crate) load_seconds: f64,
     pub(crate) build_seconds: f64,
@@ -364,6 +366,7 @@ pub(crate) fn prepare_of(
         scene,
         patches,
         model,
+        grouping: None,
         input,
         load_seconds,
         build_seconds,

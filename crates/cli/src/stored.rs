@@ -4,6 +4,7 @@ use crate::args::{AutoSwitch, Division, EngineSettings, SceneSettings, Switch, U
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
+use hemicube::Grouping;
 use hemicube::driver::room::Work;
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
@@ -35,15 +36,15 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         _ => Some(1),
     };
     let each = pieces.map(|pieces| pieces * pieces).filter(|&each| each > 0);
-    if each.is_none_or(|each| !u64::from(store.patch_count()).is_multiple_of(each))
+    let elements = store.manifest().elements();
+    if each.is_none_or(|each| !elements.is_multiple_of(each))
         || !(scale > 0.0 && scale.is_finite())
     {
         bail!(
-            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {} patches: it \
-             is damaged",
+            "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {elements} \
+             patches: it is damaged",
             store.directory().display(),
             settings["subdivision"],
-            store.patch_count()
         )
     }
     Ok(SceneSettings {
@@ -92,10 +93,11 @@ pub(crate) fn scene(
         allow_large,
         ..settings(store)?
     };
-    let prepared = prepare_of(path, &settings, engine, Work::Pixels, Some(store.patch_count()))?;
+    let elements = u32::try_from(store.manifest().elements()).unwrap_or(u32::MAX);
+    let prepared = prepare_of(path, &settings, engine, Work::Pixels, Some(elements))?;
     let is_scene =
         |prepared: &Prepared| scene_hash(&prepared.scene, &prepared.patches) == store.manifest().scene.blake3;
-    let Some(prepared) = prepared.filter(is_scene) else {
+    let Some(mut prepared) = prepared.filter(is_scene) else {
         return Err(hinted(
             anyhow!(
                 "`{}` is not the scene that `{}` is the matrix of",
@@ -108,7 +110,27 @@ pub(crate) fn scene(
             ),
         ));
     };
+    prepared.grouping = Grouping::of_store(store, &prepared.scene, &prepared.patches)?;
     Ok(prepared)
+}
+
+/// Refuses a matrix of patches that are several triangles, for what needs triangles.
+///
+/// # Errors
+/// When it is one; `instead` says what to do.
+pub(crate) fn require_triangles(store: &Store, what: &str, instead: &str) -> Result<()> {
+    let kind = store.manifest().patch_kind();
+    if kind.is_triangle() {
+        return Ok(());
+    }
+    Err(hinted(
+        anyhow!(
+            "{what}, and `{}` is the matrix of patches by {}",
+            store.directory().display(),
+            kind.name()
+        ),
+        instead.to_owned(),
+    ))
 }
 
 /// The sky rows beside a matrix, from `hemicube sky --store`.

@@ -6,15 +6,15 @@ use crate::level::percentage;
 use crate::progress::Bar;
 use crate::report::{Listing, count, counted, figures, percent};
 use anyhow::{Context, Result};
-use hemicube::driver::compute::{Plan, Progress, RowChoice, Selection};
+use hemicube::driver::compute::{Groups, Plan, Progress, RowChoice, Selection};
 use hemicube::reference::{
-    EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against,
+    EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, rows_of_patches,
 };
 use hemicube::store::{RowTable, Store};
 use hemicube::{InputPatch, Model};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 
 /// Fewest rows with a spread that bounds the error of undrawn rows.
 const ROWS_FOR_THE_MATRIX: u64 = 8;
@@ -79,6 +79,29 @@ pub(crate) fn reference_rows(
         Ok(())
     })?;
     Ok(rows.into_iter().flatten().collect())
+}
+
+/// Settings of a reference for the drawn rows. The errors of n elements average out in the row of their patch: each may
+/// be √n times as large.
+fn settings_of(verify: Verify<'_>, drawn: &Plan) -> ReferenceSettings {
+    let settings = reference_settings(verify.tolerance, verify.seed);
+    let elements = drawn.rows.len() as f64 / drawn.row_count().max(1) as f64;
+    ReferenceSettings {
+        target: (settings.target * elements.max(1.0).sqrt()).min(settings.target.max(MOST_OF_ELEMENT)),
+        ..settings
+    }
+}
+
+/// Largest error target of an element's reference row.
+const MOST_OF_ELEMENT: f64 = 0.03;
+
+/// Drops rows of patches some of whose elements have none, after an interrupt.
+fn keep_whole(rows: &mut Vec<ReferenceRow>, groups: &Groups, drawn: &[InputPatch]) {
+    let mut missing = vec![0_i64; groups.grouping.len()];
+    let patch_of = |element: InputPatch| groups.grouping.patch_of(element).0 as usize;
+    drawn.iter().for_each(|&element| missing[patch_of(element)] += 1);
+    rows.iter().for_each(|row| missing[patch_of(InputPatch(row.emitter))] -= 1);
+    rows.retain(|row| missing[patch_of(InputPatch(row.emitter))] == 0);
 }
 
 /// Keeps the columns of receivers in reference rows.
@@ -251,8 +274,10 @@ impl Verify<'_> {
             count: self.rows,
             seed: self.seed,
         };
-        let drawn = Plan::new(model, choice, among, 1, plan.rotate).rows;
-        let settings = reference_settings(self.tolerance, self.seed);
+        let grouping = plan.groups.as_ref().map(|groups| Arc::clone(&groups.grouping));
+        let drawn = Plan::grouped(model, choice, among, 1, plan.rotate, grouping);
+        let settings = settings_of(self, &drawn);
+        let (groups, drawn) = (drawn.groups, drawn.rows);
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
         // An interrupt ends the reference after the rows in progress; their errors are reported.
         let guard = exit::InterruptGuard::new();
@@ -267,8 +292,17 @@ impl Verify<'_> {
         })?;
         drop(bar);
         drop(guard);
-        let mut estimated = Vec::with_capacity(rows.len());
-        for row in &rows {
+        let all = rows.len() == drawn.len();
+        if let Some(groups) = &groups {
+            keep_whole(&mut rows, groups, &drawn);
+        }
+        let of_patches = |rows: &[ReferenceRow]| match &groups {
+            Some(groups) => rows_of_patches(rows, &groups.grouping, |element| model.patches().area(element)),
+            None => rows.to_vec(),
+        };
+        let with_all_columns = of_patches(&rows);
+        let mut estimated = Vec::with_capacity(with_all_columns.len());
+        for row in &with_all_columns {
             let emitter = InputPatch(row.emitter);
             if let Some(stored) = store.row(emitter)? {
                 estimated.push(EstimatedRow {
@@ -278,14 +312,18 @@ impl Verify<'_> {
                 });
             }
         }
-        let closure = Closure::of(&rows, &estimated, &store.row_table()?, self.tolerance);
-        if let Some(receivers) = &plan.selection.receivers {
-            keep_receivers(&mut rows, receivers);
-        }
+        let closure = Closure::of(&with_all_columns, &estimated, &store.row_table()?, self.tolerance);
+        let judged = match &plan.selection.receivers {
+            Some(receivers) => {
+                keep_receivers(&mut rows, receivers);
+                of_patches(&rows)
+            }
+            None => with_all_columns,
+        };
         Ok(Verification {
-            interrupted: rows.len() < drawn.len(),
+            interrupted: !all,
             closure,
-            ..self.judge(&rows, &estimated, plan.rows.len() as u64, settings.target)
+            ..self.judge(&judged, &estimated, plan.row_count() as u64, settings.target)
         })
     }
 

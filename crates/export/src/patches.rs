@@ -2,7 +2,7 @@
 
 use crate::{Error, Result};
 use glam::DVec3;
-use hemicube::InputPatch;
+use hemicube::{Grouping, InputPatch};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{PatchTable, Store};
 use hemicube_scene::{Axis, Patches};
@@ -247,14 +247,21 @@ impl PatchResults {
         let named = |name: &str, values: Vec<u32>, names: &[String]| Column {
             name: name.to_owned(),
             components: Vec::new(),
-            values: Values::Named(values, names.to_vec()),
+            values: of_names(values, names),
+        };
+        let is_face = |&face: &u32| face != PatchTable::SEVERAL;
+        let face = if table.face.iter().all(is_face) {
+            whole("face", table.face)
+        } else {
+            let number = |face| if is_face(&face) { f64::from(face) } else { f64::NAN };
+            Column::real("face", table.face.into_iter().map(number).collect())
         };
         Self {
             columns: vec![
                 whole("patch", (0..).take(patch_count).collect()),
                 named("object", table.object, names[0]),
                 named("material", table.material, names[1]),
-                whole("face", table.face),
+                face,
                 whole("side", table.side.into_iter().map(u32::from).collect()),
                 Column::real("area", table.area),
                 Column::vectors("centroid", &table.centroid),
@@ -284,7 +291,35 @@ impl PatchResults {
         Ok(())
     }
 
-    /// Sets the corners of the patches, and the axis pointing up.
+    /// Turns the rows of patches into rows of their elements, with the values of their patches; the column `patch` says
+    /// whose they are.
+    ///
+    /// # Errors
+    /// When there are other patches than the grouping has.
+    pub fn spread(&mut self, grouping: &Grouping) -> Result<()> {
+        if grouping.len() != self.patch_count {
+            return Err(Error::OtherPatches {
+                what: "the scene".to_owned(),
+                found: grouping.len(),
+                expected: self.patch_count,
+            });
+        }
+        for column in &mut self.columns {
+            let width = column.width();
+            match &mut column.values {
+                Values::Whole(values) | Values::Named(values, _) => *values = grouping.spread(values),
+                Values::Real(values) => {
+                    let of = |&patch: &u32| values[patch as usize * width..][..width].iter().copied();
+                    *values = grouping.patches().iter().flat_map(of).collect();
+                }
+            }
+        }
+        self.patch_count = grouping.elements();
+        Ok(())
+    }
+
+    /// Sets the corners of the patches, and the axis pointing up. Patches of several elements are
+    /// [`spread`](Self::spread) first.
     ///
     /// # Errors
     /// When their number is not that of the matrix.
@@ -327,6 +362,17 @@ impl PatchResults {
     pub fn column(&self, name: &str) -> Option<&Column> {
         self.columns.iter().find(|column| column.name == name)
     }
+}
+
+/// Indices into names; a name of its own for those of several.
+fn of_names(mut values: Vec<u32>, names: &[String]) -> Values {
+    let mut names = names.to_vec();
+    if values.contains(&PatchTable::SEVERAL) {
+        let several = u32::try_from(names.len()).unwrap_or(PatchTable::SEVERAL);
+        names.push("(several)".to_owned());
+        values.iter_mut().filter(|value| **value == PatchTable::SEVERAL).for_each(|value| *value = several);
+    }
+    Values::Named(values, names)
 }
 
 /// A quantity of a solution: a component for each band, or for each right-hand side.

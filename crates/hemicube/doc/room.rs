@@ -74,6 +74,8 @@ pub fn settings(correction: &Correction) -> RowSettings {
         receivers: Vec::new(),
         occluders: Vec::new(),
         min_factor: None,
+        patches: hemicube::PatchKind::Triangle,
+        elements: None,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Runs: from a scene to rows of its matrix. [`job`] conducts a run; the others are its steps.
 
+mod aggregate;
 pub mod calibrate;
 pub mod compute;
 pub mod input;

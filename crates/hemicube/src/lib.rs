@@ -36,6 +36,7 @@ pub mod driver;
 pub mod factor;
 pub mod frame;
 mod geometry;
+mod grouping;
 mod model;
 pub mod points;
 pub mod reference;
@@ -46,6 +47,7 @@ pub mod solve;
 pub mod store;
 mod visibility;
 
+pub use grouping::{Grouping, PatchKind};
 pub use hemicube_contract::{backend, bvh, delta, escaped, face, outline, row};
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

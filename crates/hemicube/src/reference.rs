@@ -25,6 +25,7 @@
 //!
 //! Rows depend on the scene, the settings and the emitter only.
 
+mod aggregate;
 mod facing;
 mod hemisphere;
 mod measure;
@@ -33,6 +34,7 @@ mod random;
 mod sensors;
 mod visibility;
 
+pub use aggregate::rows_of_patches;
 pub use measure::{EstimatedRow, Interval, Measured, errors_against};
 pub use sensors::{PointReference, PointReferenceRow};
 

@@ -11,10 +11,12 @@ use hemicube::driver::compute::{Progress, RowChoice};
 use hemicube::driver::job::{Job, Observer, Run, Sessions, Stage, StorePlace};
 use hemicube::driver::level::Asked;
 use hemicube::store::{Form, PatchTable, Store};
+use hemicube::{Grouping, PatchKind};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// Default pixels along an edge: sums of pixels need more than fractions of them.
@@ -167,6 +169,7 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<M
         .settings
         .header(input, patches, &input.file, &run.plan, run.backend().info())
         .map_err(|error| errors::store(&error))?;
+    let grouping = run.plan.groups.as_ref().map(|groups| Arc::clone(&groups.grouping));
     let mut parts = Vec::new();
     let summary = run
         .compute(&mut parts, observer)
@@ -174,7 +177,7 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<M
     if summary.cancelled {
         return Err(interrupted());
     }
-    Matrix::in_memory(header, PatchTable::new(input, patches), parts)
+    Matrix::in_memory(header, PatchTable::of(input, patches, grouping.as_deref()), parts)
 }
 
 /// The exception of a cancelled run; the one that cancelled it takes precedence.
@@ -193,6 +196,9 @@ fn interrupted() -> PyErr {
 /// `occluders` are lists of globs for names of objects and materials with rows, with columns, or with neither. Form
 /// factors below `min_factor` are left out, and their sum is shared by the others of their row.
 ///
+/// `patches='object'`, `'material'` or `'face'` makes rows and columns of those instead of triangles; `Matrix.names` has
+/// their names, and `rows` and `sample_rows` count them.
+///
 /// Without `output` the matrix is in memory. With it, it is a store in that directory, with the bytes of the program's
 /// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room.
 ///
@@ -205,8 +211,8 @@ fn interrupted() -> PyErr {
 #[pyfunction]
 #[pyo3(signature = (
     scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
-    sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), min_factor=None,
-    output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto",
+    sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), patches=None,
+    min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto",
     culling=None, batch=0, threads=0, progress=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
@@ -224,6 +230,7 @@ pub(crate) fn compute(
     emitters: Vec<String>,
     receivers: Vec<String>,
     occluders: Vec<String>,
+    patches: Option<&str>,
     min_factor: Option<f64>,
     output: Option<PathBuf>,
     store: Option<&str>,
@@ -238,7 +245,17 @@ pub(crate) fn compute(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Matrix> {
     let scene = scene.get();
-    let count = u32::try_from(scene.patches.len()).unwrap_or(u32::MAX);
+    let kind = match patches {
+        None => PatchKind::Triangle,
+        Some(name) => PatchKind::of_name(name).ok_or_else(|| {
+            errors::input(format!(
+                "`patches` is `{name}`; triangle, face, object or material is needed"
+            ))
+        })?,
+    };
+    let grouping = Grouping::new(&scene.input, &scene.patches, kind);
+    let count = grouping.as_ref().map_or(scene.patches.len(), Grouping::len);
+    let count = u32::try_from(count).unwrap_or(u32::MAX);
     let choice = match (rows, sample_rows) {
         (None, None) => RowChoice::All,
         (Some((start, end)), None) if start < end && end <= count => RowChoice::Range { start, end },
@@ -267,6 +284,7 @@ pub(crate) fn compute(
         receivers,
         occluders,
         min_factor,
+        patches: kind,
         form: match store {
             None => None,
             Some("plain") => Some(Form::Plain),

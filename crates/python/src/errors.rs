@@ -143,6 +143,7 @@ pub(crate) fn compute(error: &ComputeError) -> PyErr {
 /// A run that failed; errors name the keywords of `compute`.
 pub(crate) fn job(error: &JobError) -> PyErr {
     match error {
+        JobError::Partly(error) => input(error.to_string()),
         JobError::NoMatch(error) => input(format!("`{}`: {error}", error.list)),
         JobError::Level(LevelError::Compute(error)) | JobError::Compute(error) => compute(error),
         JobError::NoRows => {

@@ -5,6 +5,7 @@ use crate::matrix::{Matrix, stored};
 use crate::numbers;
 use crate::scene::Scene;
 use hemicube::analysis::zones::{GroupBy, Zone, zones};
+use hemicube::Grouping;
 use hemicube::solve::StoredSolution;
 use hemicube::store::{Store, scene_hash};
 use hemicube_export::{
@@ -127,6 +128,10 @@ impl Asked<'_> {
                     store.manifest().scene.file,
                     store.patch_count()
                 )));
+            }
+            let grouping = stored(Grouping::of_store(store, &scene.input, &scene.patches))?;
+            if let Some(grouping) = grouping {
+                results.spread(&grouping).map_err(|error| failed(&error))?;
             }
             let up = self.up.or(scene.input.scene.up).unwrap_or(Axis::Z);
             results.place(&scene.patches, up).map_err(|error| failed(&error))?;

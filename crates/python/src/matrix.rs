@@ -564,6 +564,23 @@ impl Matrix {
         }
     }
 
+    /// Names of the patches where they are objects, materials or faces (numbers from 0, `back` for backs); None where
+    /// they are triangles.
+    #[getter]
+    fn names(&self) -> PyResult<Option<Vec<String>>> {
+        Ok(match &self.source {
+            Source::Memory(memory) => {
+                let Header { objects, materials, .. } = &memory.header;
+                memory.patches.names(memory.header.patch_kind(), objects, materials)
+            }
+            Source::Store(store) => {
+                let manifest = store.manifest();
+                let table = stored(store.patches())?;
+                table.names(manifest.patch_kind(), &manifest.objects, &manifest.materials)
+            }
+        })
+    }
+
     /// The store's directory; None for a matrix in memory.
     #[getter]
     fn path(&self) -> Option<PathBuf> {

@@ -315,7 +315,11 @@ pub(super) fn groups(found: &CheckReport) -> Vec<Group> {
             found,
             &range,
             "range",
-            "every form factor is from 0 to 1, F_ii = 0, columns ascend",
+            if found.patch_kind.is_triangle() {
+                "every form factor is from 0 to 1, F_ii = 0, columns ascend"
+            } else {
+                "every form factor is from 0 to 1, F_ii = 0 where a patch is flat, columns ascend"
+            },
         ),
         closure(found),
     ];

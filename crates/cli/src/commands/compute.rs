@@ -19,15 +19,17 @@ use crate::shell::word;
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend};
-use hemicube::driver::compute::{Progress, RowChoice, Summary};
+use hemicube::driver::compute::{Plan, Progress, RowChoice, Summary};
 use hemicube::driver::job::{
     Finished, Job, JobError, Note, Observer, RowsFailed, Run, Sessions, Stage, StorePlace, StoreRun,
 };
 use hemicube::driver::probe::share_left;
 use hemicube::driver::settings::RowSettings;
 use hemicube::store::{Error as StoreError, Form, Manifest, Part, Shard, Store, Thinning};
+use hemicube::{Grouping, InputPatch, PatchKind};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -516,12 +518,13 @@ fn job(arguments: &Arguments, prepared: &Prepared) -> Result<Job> {
     Ok(Job {
         accuracy: arguments.render.accuracy(),
         rotate: arguments.render.rotation == Switch::On,
-        rows: row_choice(selection, prepared)?,
+        rows: row_choice(selection, arguments.kind.into(), prepared)?,
         emitters: selection.emitters.clone(),
         receivers: selection.receivers.clone(),
         occluders: selection.occluders.clone(),
         form: arguments.store.form(),
         min_factor: arguments.min_factor,
+        patches: arguments.kind.into(),
         culling: match arguments.culling {
             AutoSwitch::Auto => None,
             AutoSwitch::On => Some(Culling::On),
@@ -534,8 +537,10 @@ fn job(arguments: &Arguments, prepared: &Prepared) -> Result<Job> {
 }
 
 /// The rows asked for: all, a range of patches, or a sample of the emitting ones.
-fn row_choice(settings: &SelectionSettings, prepared: &Prepared) -> Result<RowChoice> {
-    let patch_count = prepared.model.geometry().patch_count;
+fn row_choice(settings: &SelectionSettings, kind: PatchKind, prepared: &Prepared) -> Result<RowChoice> {
+    let grouping = Grouping::new(&prepared.scene, &prepared.patches, kind);
+    let patch_count = grouping.as_ref().map_or(prepared.patches.len(), Grouping::len);
+    let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
     let SelectionSettings {
         rows,
         sample_rows,
@@ -556,7 +561,15 @@ fn row_choice(settings: &SelectionSettings, prepared: &Prepared) -> Result<RowCh
         (None, Some(size)) => {
             let selection = crate::selection::selection(&prepared.scene, &prepared.patches, settings)?;
             let emitting = selection.emitters.map_or(u64::from(patch_count), |emitters| {
-                emitters.iter().filter(|&&emits| emits).count() as u64
+                let emitting = (0..).zip(&emitters).filter(|&(_, &emits)| emits);
+                let emitting = emitting.map(|(element, _)| InputPatch(element));
+                match &grouping {
+                    Some(grouping) => {
+                        let patches: HashSet<_> = emitting.map(|element| grouping.patch_of(element)).collect();
+                        patches.len() as u64
+                    }
+                    None => emitting.count() as u64,
+                }
             });
             let wanted = match size {
                 SampleSize::Count(number) => u64::from(number),
@@ -580,6 +593,10 @@ fn row_choice(settings: &SelectionSettings, prepared: &Prepared) -> Result<RowCh
 fn explain(error: JobError) -> anyhow::Error {
     match error {
         JobError::NoMatch(error) => crate::selection::no_match(error),
+        JobError::Partly(error) => hinted(
+            anyhow!("`--{}`: {error}", error.list),
+            "name all of it, or compute by `--patches face` or `--patches triangle`",
+        ),
         JobError::Level(error) => level::explain(error),
         JobError::NoRows => {
             anyhow!("no row is left to compute: `--rows`, `--emitters` and `--occluders` together exclude every patch")
@@ -642,7 +659,15 @@ fn tell_backend(run: &Run<'_>, prepared: &Prepared, talk: Talk) {
         device.version,
         device.device,
         counted(run.threads as u64, "thread"),
-        counted(prepared.patches.len() as u64, "patch"),
+        match &run.plan.groups {
+            Some(groups) => format!(
+                "{} by {}, of {}",
+                counted(groups.grouping.len() as u64, "patch"),
+                groups.grouping.kind().name(),
+                counted(prepared.patches.len() as u64, "triangle")
+            ),
+            None => counted(prepared.patches.len() as u64, "patch"),
+        },
     ));
     for choice in run.backend().choices() {
         talk.say(&choice);
@@ -651,13 +676,39 @@ fn tell_backend(run: &Run<'_>, prepared: &Prepared, talk: Talk) {
 
 /// Rows of a run, for the forecast of its memory.
 fn forecast_rows(run: &Run<'_>, entries_per_row: f64, batch: u32) -> forecast::Rows {
+    let rows_per_batch = match batch {
+        0 => u32::try_from(run.backend().info().preferred_rows).unwrap_or(u32::MAX),
+        rows => rows,
+    };
+    let rows_per_part = match &run.plan.groups {
+        // Batches are of elements, parts of the longer rows of patches: as many entries in shorter ones.
+        Some(_) => {
+            let entries = f64::from(run.plan.rows_per_part) * entries_of_row(&run.plan, entries_per_row);
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "saturation is wanted"
+            )]
+            let rows = (entries / entries_per_row.max(1.0)).ceil() as u32;
+            rows.max(rows_per_batch)
+        }
+        None => run.plan.rows_per_part,
+    };
     forecast::Rows {
         entries_per_row,
-        rows_per_part: run.plan.rows_per_part,
-        rows_per_batch: match batch {
-            0 => u32::try_from(run.backend().info().preferred_rows).unwrap_or(u32::MAX),
-            rows => rows,
-        },
+        rows_per_part,
+        rows_per_batch,
+    }
+}
+
+/// Most entries of a row, on average, by those of an element's: a patch sees what its elements see.
+fn entries_of_row(plan: &Plan, of_element: f64) -> f64 {
+    match &plan.groups {
+        Some(groups) => {
+            let elements = plan.rows.len() as f64 / plan.row_count().max(1) as f64;
+            (of_element * elements).min(groups.grouping.len() as f64)
+        }
+        None => of_element,
     }
 }
 
@@ -762,7 +813,7 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
 fn warn_of_disk(store: &StoreRun<'_>, entries_per_row: f64, talk: Talk) {
     let (plan, directory) = (store.plan(), store.writer().directory());
     let rows = store.missing_rows();
-    let wanted = forecast::disk(rows, entries_per_row, plan.form);
+    let wanted = forecast::disk(rows, entries_of_row(plan, entries_per_row), plan.form);
     let Some(available) = forecast::available(directory).filter(|&available| available < wanted) else {
         return;
     };
@@ -824,7 +875,7 @@ impl Begun {
                 triangles: scene.triangles_read,
                 triangles_used: scene.triangles.len() as u64,
                 surfaces: patches.surfaces().len() as u64,
-                patches: patches.len() as u64,
+                patches: run.plan.groups.as_ref().map_or(patches.len(), |of| of.grouping.len()) as u64,
                 area: patches.iter().map(|patch| patches.area(patch)).sum(),
                 objects: scene.objects.len() as u64,
                 materials: scene.materials.len() as u64,
@@ -895,8 +946,11 @@ fn report_of(
         corrected: summary.corrected,
         partial: summary.partial,
         cut_short: summary.cut_short,
-        slowest_row: timings.and(summary.slowest).map(|(patch, took)| SlowestRow {
-            patch: patch.0,
+        slowest_row: timings.and(summary.slowest).map(|(element, took)| SlowestRow {
+            patch: match &finished.plan.groups {
+                Some(groups) => groups.grouping.patch_of(element).0,
+                None => element.0,
+            },
             seconds: took.as_secs_f64(),
         }),
         rows_per_second: timings.filter(|_| seconds > 0.0).map(|_| summary.rows as f64 / seconds),
@@ -1056,7 +1110,11 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
             "budget",
             format!(
                 "{} met the bound on their work before all pairs worth it were measured{}",
-                counted(report.cut_short, "row"),
+                if report.settings.patches.is_triangle() {
+                    counted(report.cut_short, "row")
+                } else {
+                    format!("rows of {}", counted(report.cut_short, "triangle"))
+                },
                 if report.expected_error.is_some() {
                     "; their expected error says so"
                 } else {
@@ -1096,7 +1154,15 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
                 },
                 match report.slowest_row {
                     Some(SlowestRow { patch, seconds }) if seconds > LONG_ROW =>
-                        format!("; the slowest row, of patch {patch}, took {}", duration(seconds)),
+                        format!(
+                            "; the slowest row, of {}patch {patch}, took {}",
+                            if report.settings.patches.is_triangle() {
+                                ""
+                            } else {
+                                "a triangle of "
+                            },
+                            duration(seconds)
+                        ),
                     _ => String::new(),
                 }
             ),

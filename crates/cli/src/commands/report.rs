@@ -132,6 +132,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
+    let instead = "`hemicube export` with `--scene` writes it as .vtp or .glb, and `hemicube view model` draws it";
+    stored::require_triangles(&store, "the page shows triangles and their rows", instead)?;
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
     let up = prepared.up(arguments.up)?;
     prepared.tell_up(arguments.up, talk);

@@ -472,7 +472,10 @@ fn read_if_any<T: Default>(path: Option<&Path>, read: impl Fn(&Path) -> Result<T
 fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
     let Some(path) = &arguments.store else { return Ok(None) };
     report::require_matrix(path)?;
-    Ok(Some(Store::open(path)?))
+    let store = Store::open(path)?;
+    let instead = "`hemicube sky SCENE --output DIR` computes those of its triangles";
+    stored::require_triangles(&store, "sky rows are computed of triangles", instead)?;
+    Ok(Some(store))
 }
 
 /// Reads the scene, with the subdivision of the matrix if there is one.

@@ -386,8 +386,17 @@ struct Shot<'a> {
 }
 
 impl Shot<'_> {
+    /// Patches that are several triangles have one value each, up to their edges.
     fn is_smooth(&self) -> bool {
-        self.camera.shading == Shading::Smooth
+        self.camera.shading == Shading::Smooth && self.prepared.grouping.is_none()
+    }
+
+    /// The patch of a sample, in the matrix.
+    fn patch_of(&self, sample: &Seen) -> u32 {
+        match &self.prepared.grouping {
+            Some(grouping) if sample.patch != u32::MAX => grouping.patch_of(InputPatch(sample.patch)).0,
+            _ => sample.patch,
+        }
     }
 
     /// Averages `color` over the samples of each pixel, as light.
@@ -402,7 +411,7 @@ impl Shot<'_> {
     fn lit(&self, light: &[[f64; 3]]) -> Canvas {
         let corners = self.is_smooth().then(|| at_corners(self.prepared, light));
         let radiance = |sample: &Seen| -> Option<[f64; 3]> {
-            let patch = sample.patch as usize;
+            let patch = self.patch_of(sample) as usize;
             let flat = light.get(patch)?;
             Some(match &corners {
                 Some(corners) => mix(&corners[patch], sample.barycentric),
@@ -422,13 +431,13 @@ impl Shot<'_> {
         let is_smooth = self.is_smooth() && scale.marked.is_none();
         let corners = is_smooth.then(|| at_corners(self.prepared, &scaled));
         let canvas = self.average(|sample| {
-            let patch = sample.patch as usize;
+            let patch = self.patch_of(sample) as usize;
             let [flat] = *scaled.get(patch)?;
             let value = match &corners {
                 Some(corners) => mix(&corners[patch], sample.barycentric)[0],
                 None => flat,
             };
-            let color = if scale.marked == Some(sample.patch) {
+            let color = if scale.marked == Some(self.patch_of(sample)) {
                 EMITTER
             } else if value.is_nan() {
                 // Without a value a patch is lit from above, to be recognised.

@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! weights      visible + escaped + blocked + unselected = hemicubes · 2³¹, exactly, for every row
-//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode); ε is
+//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode, triangles); ε is
 //!              2⁻²⁴ for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
-//! diagonal     Fᵢᵢ = 0: a planar patch does not see itself
-//! shares       escaped, blocked, unselected from 0 to 1; in pixel mode, weight / (hemicubes · 2³¹)
+//! diagonal     Fᵢᵢ = 0: a triangle does not see itself; up to 10⁻³ of a patch of several elements in one plane, any
+//!              where they lie in none
+//! shares       escaped, blocked, unselected from 0 to 1; of triangles in pixel mode, weight / (hemicubes · 2³¹)
 //! entries      some row has one
 //! escaped      of a row at most what the bound allows, if there is one
 //! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares
@@ -19,8 +20,9 @@
 
 pub mod verdict;
 
+use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
-use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Result, RowShares, RowSums, Store};
+use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, PatchTable, Result, RowShares, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -172,6 +174,9 @@ pub struct CheckReport {
     pub complete: bool,
     /// Patches of the scene.
     pub patch_count: u32,
+    /// Their kind; absent in JSON for triangles.
+    #[serde(skip_serializing_if = "PatchKind::is_triangle")]
+    pub patch_kind: PatchKind,
     /// Rows present.
     pub rows: u64,
     /// Entries present.
@@ -257,6 +262,11 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     } else {
         None
     };
+    if !manifest.patch_kind().is_triangle() {
+        tally.is_pixel = false;
+        let flat = |table: &PatchTable| (0..table.len()).map(|patch| table.is_flat(patch)).collect();
+        tally.flat = Some(table.as_ref().map_or_else(Vec::new, flat));
+    }
     let mut row_sums = vec![
         None;
         if row_table.is_some() {
@@ -360,9 +370,15 @@ fn of_row(part: &Part, row: usize) -> [f64; 7] {
     [sum, a, b, c, d, e, f]
 }
 
+/// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
+const FLAT: f32 = 1e-3;
+
 #[derive(Debug)]
 struct Tally {
     patch_count: u32,
+    /// Patches in one plane, where patches are several elements.
+    flat: Option<Vec<bool>>,
+    /// True for triangles with sums of pixels.
     is_pixel: bool,
     /// By how much of itself each form factor can be off its weight.
     rounding: f64,
@@ -386,6 +402,7 @@ impl Tally {
     fn new(store: &Store, is_pixel: bool, closure_bound: Option<f64>, worst_count: usize) -> Self {
         Self {
             patch_count: store.patch_count(),
+            flat: None,
             is_pixel,
             rounding: {
                 let once = f64::powi(2.0, -24);
@@ -475,9 +492,18 @@ impl Tally {
             if !(0.0..=1.0).contains(&factor) {
                 self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
             }
-            if i64::from(column) == i64::from(patch) && factor != 0.0 {
+            if i64::from(column) == i64::from(patch) && factor > self.most_of_itself(patch) {
                 self.fail(Check::Diagonal, format!("F[{patch}, {patch}] = {factor}"));
             }
+        }
+    }
+
+    /// Most of itself that a patch may see.
+    fn most_of_itself(&self, patch: u32) -> f32 {
+        match self.flat.as_ref().map(|flat| flat.get(patch as usize)) {
+            None => 0.0,
+            Some(Some(true)) => FLAT,
+            Some(_) => 1.0,
         }
     }
 
@@ -580,6 +606,7 @@ impl Tally {
             failures: self.failures,
             complete: store.manifest().complete,
             patch_count: self.patch_count,
+            patch_kind: store.manifest().patch_kind(),
             rows: of_rows.len() as u64,
             entries: self.entries,
             form: store.manifest().form,

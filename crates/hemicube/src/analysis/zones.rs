@@ -7,6 +7,7 @@
 //! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). Sums are over the stored matrix:
 //! with reciprocal and closed patches, zones are reciprocal and closed.
 
+use crate::PatchKind;
 use crate::store::{Error, Manifest, PatchTable, Result, Store, write_whole};
 use hemicube_scene::is_unseen;
 use serde::Serialize;
@@ -24,6 +25,17 @@ pub enum GroupBy {
     Material,
     /// By the file's face; its two sides are two zones.
     Face,
+}
+
+impl GroupBy {
+    /// The kind of patches that are such zones.
+    pub fn kind(self) -> PatchKind {
+        match self {
+            Self::Object => PatchKind::Object,
+            Self::Material => PatchKind::Material,
+            Self::Face => PatchKind::Face,
+        }
+    }
 }
 
 /// A zone: patches added up.
@@ -104,10 +116,27 @@ fn name_in(names: &[String], index: u32) -> &str {
     names.get(index as usize).map_or("", String::as_str)
 }
 
+/// Refuses zones that cut across patches of several elements: a row has one sum for all of them.
+fn require_kind(store: &Store, by: GroupBy) -> Result<()> {
+    let (kind, wanted) = (store.manifest().patch_kind(), by.kind());
+    // A face is of one object and one material.
+    if kind == wanted || matches!(kind, PatchKind::Triangle | PatchKind::Face) {
+        return Ok(());
+    }
+    let reason = format!(
+        "is a matrix of patches by {}, which cannot be added up by {}; compute it by {}, by face or by triangle",
+        kind.name(),
+        wanted.name(),
+        wanted.name()
+    );
+    Err(Error::unsupported(store.directory(), reason))
+}
+
 /// Adds up the matrix of a store. Memory: the patch table and the zones' own matrix.
 ///
 /// # Errors
-/// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] for a zone with some rows computed and others
+/// [`Error::Incomplete`] when parts are missing; [`Error::Unsupported`] for zones other than the patches of several
+/// elements, or their faces' objects or materials, and for a zone with some rows computed and others
 /// not, which leaves no area to divide by; otherwise errors of reading. A zone without any computed row has no factors.
 ///
 /// ```
@@ -132,6 +161,7 @@ fn name_in(names: &[String], index: u32) -> &str {
 /// ```
 pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     store.require_complete()?;
+    require_kind(store, by)?;
     let table = store.patches()?;
     let (mut zones, zone_of) = zones_of(&table, names_of(store.manifest()), by);
     let lost = store.row_table()?;

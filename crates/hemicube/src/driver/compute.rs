@@ -11,6 +11,7 @@ use crate::Model;
 use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
 use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
+use crate::driver::aggregate::{ColumnSums, OpenRow};
 use crate::driver::queue::{Queue, StopOnPanic};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Form, Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
@@ -22,7 +23,7 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 pub(crate) use super::plan::sample;
-pub use super::plan::{Plan, RowChoice, Selection};
+pub use super::plan::{Groups, Plan, RowChoice, Selection};
 
 /// Takes finished parts, in order, on a thread of its own: rows are computed while a part is written.
 ///
@@ -84,9 +85,9 @@ impl PartSink for Vec<Part> {
 /// Progress of a computation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// Rows finished.
+    /// Rows of elements finished.
     pub rows: u64,
-    /// Rows in all.
+    /// Rows of elements in all.
     pub row_count: u64,
     /// Entries of the finished rows.
     pub entries: u64,
@@ -114,7 +115,7 @@ impl Execution<'_> {
 /// Figures of a computation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary {
-    /// Rows computed.
+    /// Rows computed, of patches.
     pub rows: u64,
     /// Entries in them.
     pub entries: u64,
@@ -132,11 +133,11 @@ pub struct Summary {
     pub squared_norm: f64,
     /// Effect of leaving out small form factors, where that was asked for.
     pub thinning: Option<Thinning>,
-    /// Entries that are a visible fraction of a closed form, not a sum of pixels.
+    /// Entries that are a visible fraction of a closed form, not a sum of pixels; those of elements' rows.
     pub corrected: u64,
     /// Partially visible pairs, at accuracy levels that know.
     pub partial: u64,
-    /// Rows that met the bound on their work before all pairs worth it were measured. Their expected error, at accuracy
+    /// Rows of elements that met the bound on their work before all pairs worth it were measured. Their expected error, at accuracy
     /// levels that estimate it, includes the pairs left.
     pub cut_short: u64,
     /// Counts of the backend.
@@ -147,7 +148,7 @@ pub struct Summary {
     pub threads: usize,
     /// Time from the first row's request to the last part's writing.
     pub elapsed: Duration,
-    /// The slowest row and its time; `None` without rows.
+    /// The element of the slowest row and its time; `None` without rows.
     pub slowest: Option<(InputPatch, Duration)>,
     /// Sum of the rows' times.
     pub row_time: Duration,
@@ -284,6 +285,7 @@ pub fn compute(
         let (sender, receiver) = mpsc::channel();
         let (parts, finished) = mpsc::sync_channel(PARTS_WAITING);
         let run = &run;
+        let _stop = StopOnPanic(&run.queue);
         let writer = scope.spawn(move || {
             let _stop = StopOnPanic(&run.queue);
             keep_parts(&finished, &run.queue, sink)
@@ -381,10 +383,14 @@ struct Batches<'a> {
     plan: &'a Plan,
     /// The parts to compute.
     parts: Vec<u32>,
+    /// Number of the first batch after each of them.
+    ends: Vec<usize>,
     rows_per_batch: usize,
-    per_part: usize,
     count: usize,
 }
+
+/// Most rows of a batch.
+const ROWS_PER_BATCH_MAX: usize = 1024;
 
 impl<'a> Batches<'a> {
     /// Batches of `hemicubes` hemicubes; 0: as the backend prefers.
@@ -393,25 +399,42 @@ impl<'a> Batches<'a> {
             0 => backend.info().preferred_rows,
             hemicubes => hemicubes,
         };
-        let rows_per_batch = (hemicubes / plan.hemicubes_per_row().max(1)).clamp(1, plan.rows_per_part as usize);
-        let per_part = (plan.rows_per_part as usize).div_ceil(rows_per_batch);
+        let most = match plan.groups {
+            Some(_) => ROWS_PER_BATCH_MAX,
+            None => plan.rows_per_part as usize,
+        };
+        let rows_per_batch = (hemicubes / plan.hemicubes_per_row().max(1)).clamp(1, most);
         let parts = plan.wanted();
-        // Only the last part of a plan is shorter than the others, and it is the last wanted, too.
-        let rows_of_last = parts.last().map_or(0, |&part| plan.rows_of_part(part).len());
+        let mut count = 0;
+        let ends = parts.iter().map(|&part| {
+            count += plan.rows_of_part(part).len().div_ceil(rows_per_batch);
+            count
+        });
         Self {
-            count: parts.len().saturating_sub(1) * per_part + rows_of_last.div_ceil(rows_per_batch),
+            ends: ends.collect(),
+            count,
             plan,
             parts,
             rows_per_batch,
-            per_part,
         }
     }
 
     /// The emitters of a batch.
     fn rows(&self, batch: usize) -> &'a [InputPatch] {
-        let rows = self.plan.rows_of_part(self.parts[batch / self.per_part]);
-        let start = rows.start + batch % self.per_part * self.rows_per_batch;
+        let part = self.ends.partition_point(|&end| end <= batch);
+        let first = part.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let rows = self.plan.rows_of_part(self.parts[part]);
+        let start = rows.start + (batch - first) * self.rows_per_batch;
         &self.plan.rows[start..(start + self.rows_per_batch).min(rows.end)]
+    }
+
+    /// The end of a part's batches, from `batch` on.
+    fn end_from(&self, batch: usize) -> usize {
+        if batch == 0 {
+            return 0;
+        }
+        let part = self.ends.partition_point(|&end| end < batch);
+        self.ends.get(part).copied().unwrap_or(self.count)
     }
 }
 
@@ -433,6 +456,10 @@ struct Run<'a> {
 #[derive(Debug, Default)]
 struct Batch {
     part: Part,
+    /// The form factors of `part`, which has none, where patches are several elements: sums over their columns.
+    factors: Vec<f64>,
+    /// Entries of elements' rows, there.
+    pairs: u64,
     /// The change of each row, where small entries are left out.
     changes: Vec<small_entries::RowChange>,
     partial: u64,
@@ -461,6 +488,7 @@ struct Worker<'a> {
     session: Box<dyn HemicubeBackend>,
     rows: RowBlock,
     converter: Converter<'a>,
+    columns: ColumnSums,
 }
 
 impl<'a> Worker<'a> {
@@ -470,6 +498,7 @@ impl<'a> Worker<'a> {
             session,
             rows: RowBlock::default(),
             converter: Converter::new(run.plan.correction, Some(&run.abandon)),
+            columns: ColumnSums::default(),
         }
     }
 
@@ -546,7 +575,8 @@ impl<'a> Worker<'a> {
             is_last: attempts.is_empty(),
         };
         let part = &mut batch.part;
-        let start = part.data.len();
+        let start = part.indices.len();
+        let data_start = part.data.len();
         let rendered = Rendered {
             model,
             emitter,
@@ -567,7 +597,7 @@ impl<'a> Worker<'a> {
             let session = self.session.as_mut();
             batch.counters += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
             part.indices.truncate(start);
-            part.data.truncate(start);
+            part.data.truncate(data_start);
             attempt.is_first = false;
             attempt.is_last = place + 1 == attempts.len();
             let rendered = Rendered {
@@ -584,7 +614,10 @@ impl<'a> Worker<'a> {
                 break;
             }
         }
-        if plan.min_factor > 0.0 || plan.form != Form::Plain {
+        if let Some(groups) = &plan.groups {
+            batch.pairs += part.data.len() as u64;
+            self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
+        } else if plan.min_factor > 0.0 || plan.form != Form::Plain {
             let change = small_entries::keep(part, start, plan.min_factor, plan.form, &mut converted.error);
             if plan.min_factor > 0.0 {
                 batch.changes.push(change);
@@ -662,6 +695,9 @@ struct Collector<'a> {
     next: usize,
     /// The part under way.
     part: Part,
+    /// The row under way, where patches are several elements, and the elements that have come.
+    open: Option<OpenRow<'a>>,
+    elements: u64,
     /// Place of the next part among the parts to compute.
     next_part: usize,
     thinned: PartThinning,
@@ -674,10 +710,12 @@ impl<'a> Collector<'a> {
     fn new(run: &'a Run<'a>, threads: usize) -> Self {
         let mut collector = Self {
             run,
-            row_count: run.plan.wanted_rows(),
+            row_count: run.plan.elements_of(run.plan.wanted()),
             early: BTreeMap::new(),
             next: 0,
             part: Part::default(),
+            open: OpenRow::new(run.plan),
+            elements: 0,
             next_part: 0,
             thinned: PartThinning::default(),
             cancelled: None,
@@ -708,7 +746,7 @@ impl<'a> Collector<'a> {
 
     fn progress(&self) -> Progress {
         Progress {
-            rows: self.summary.rows + self.part.rows.len() as u64,
+            rows: self.elements,
             row_count: self.row_count,
             entries: self.summary.entries + self.part.indices.len() as u64,
         }
@@ -748,8 +786,7 @@ impl<'a> Collector<'a> {
             while let Some(batch) = self.early.remove(&self.next) {
                 self.next += 1;
                 self.append(batch);
-                let is_last = self.part.rows.len() as u64 + self.summary.rows == self.row_count;
-                if self.next.is_multiple_of(self.run.batches.per_part) || is_last {
+                if self.run.batches.ends.get(self.next_part - 1) == Some(&self.next) {
                     let part = self.end_part();
                     if parts.send(part).is_err() {
                         return Ok(());
@@ -759,7 +796,7 @@ impl<'a> Collector<'a> {
             self.run.queue.collected(self.next);
             progress(self.progress());
         }
-        self.summary.cancelled = self.summary.rows < self.row_count;
+        self.summary.cancelled = self.summary.rows < self.run.plan.wanted_rows();
         self.summary.thinning = self.is_thinned().then(|| self.thinned.finish(self.run.plan.min_factor));
         Ok(())
     }
@@ -772,8 +809,8 @@ impl<'a> Collector<'a> {
         if self.cancelled.is_none() && cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
             self.cancelled = Some(Instant::now());
             // Whole parts only: the part of the first batch not yet handed out is still computed.
-            let (queue, per_part) = (&self.run.queue, self.run.batches.per_part);
-            queue.stop_at(queue.next().div_ceil(per_part) * per_part);
+            let queue = &self.run.queue;
+            queue.stop_at(self.run.batches.end_from(queue.next()));
         }
     }
 
@@ -781,6 +818,10 @@ impl<'a> Collector<'a> {
     fn append(&mut self, batch: Batch) {
         self.summary.counters += batch.counters;
         self.summary.partial += batch.partial;
+        self.elements += batch.part.rows.len() as u64;
+        if self.open.is_some() {
+            return self.add_up(&batch);
+        }
         let before = self.part.rows.len();
         append(&mut self.part, batch.part);
         if let Some(mut changed) = self.part.thinning {
@@ -792,14 +833,42 @@ impl<'a> Collector<'a> {
         }
     }
 
+    /// Adds the elements of a batch to the rows of their patches.
+    fn add_up(&mut self, batch: &Batch) {
+        if self.run.plan.correction != Correction::Pixel {
+            self.summary.corrected += batch.pairs;
+        }
+        for (row, &element) in batch.part.rows.iter().enumerate() {
+            if self.open.as_ref().is_some_and(|open| open.ends_before(element)) {
+                self.close_row();
+            }
+            let area = self.run.model.patches().area(InputPatch(element));
+            if let Some(open) = &mut self.open {
+                open.add(&batch.part, row, &batch.factors, area);
+            }
+        }
+    }
+
+    /// Ends the row under way, of a patch of several elements.
+    fn close_row(&mut self) {
+        let row = self.part.rows.len();
+        if let Some((area, change)) = self.open.as_mut().and_then(|open| open.close(&mut self.part))
+            && let Some(mut changed) = self.part.thinning
+        {
+            changed.add(&self.part, row, area, &change);
+            self.part.thinning = Some(changed);
+        }
+    }
+
     /// Adds the figures of a full part to the summary and begins the next one.
     fn end_part(&mut self) -> Part {
+        self.close_row();
         let next = self.begin_part();
         let part = std::mem::replace(&mut self.part, next);
         let summary = &mut self.summary;
         summary.rows += part.rows.len() as u64;
         summary.entries += part.indices.len() as u64;
-        if self.run.plan.correction != Correction::Pixel {
+        if self.run.plan.correction != Correction::Pixel && self.open.is_none() {
             summary.corrected += part.indices.len() as u64;
         }
         summary.parts += 1;

@@ -10,7 +10,7 @@
 //! Whoever opens a store decides between the steps: how many threads the memory allows, whether the disk has room.
 //! [`Job::rows`] and [`Job::store`] take all steps at once.
 
-use crate::Model;
+use crate::{Grouping, Model, PatchKind};
 use crate::accuracy::correct::Correction;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{
@@ -24,6 +24,7 @@ use crate::driver::settings::RowSettings;
 use crate::driver::storage_policy::StoragePolicy;
 use crate::store::{Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// A request for rows of a scene's matrix. The default asks for all rows by the area correction.
@@ -55,6 +56,8 @@ pub struct Job {
     pub receivers: Vec<String>,
     /// Globs for patches with neither, which only occlude.
     pub occluders: Vec<String>,
+    /// Kind of the patches: rows and columns.
+    pub patches: PatchKind,
     /// The store's form; `None`: by the scene's size.
     pub form: Option<Form>,
     /// Smaller form factors are left out, from 0 up to 1; `None`: by the scene's size.
@@ -82,6 +85,7 @@ impl Default for Job {
             emitters: Vec::new(),
             receivers: Vec::new(),
             occluders: Vec::new(),
+            patches: PatchKind::Triangle,
             form: None,
             min_factor: None,
             culling: None,
@@ -128,9 +132,9 @@ pub enum Stage {
     Store,
     /// Rows are computed.
     Rows {
-        /// Rows in all, resumed ones included.
+        /// Rows of elements in all, resumed ones included.
         row_count: u64,
-        /// Rows resumed from the store.
+        /// Rows of elements resumed from the store.
         resumed: u64,
     },
     /// The manifest is written.
@@ -205,6 +209,9 @@ pub enum JobError {
     /// No accuracy level keeps the tolerance, or calibration failed.
     #[error(transparent)]
     Level(#[from] LevelError),
+    /// A glob takes some elements of a patch, and not others.
+    #[error(transparent)]
+    Partly(#[from] PartlySelected),
     /// The selection leaves no row.
     #[error("no row is left to compute: the rows, emitters and occluders asked for exclude every patch")]
     NoRows,
@@ -217,6 +224,26 @@ pub enum JobError {
     /// The store cannot be made, resumed, finished or read.
     #[error(transparent)]
     Store(#[from] StoreError),
+}
+
+/// A selection takes a patch in part.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "`{list}` leaves {selected} of the {elements} triangles of the {} `{name}`, and a patch has its row and its column \
+     whole or not at all",
+    kind.name()
+)]
+pub struct PartlySelected {
+    /// The list: `emitters`, `receivers` or `occluders`.
+    pub list: &'static str,
+    /// The kind of the patches.
+    pub kind: PatchKind,
+    /// The patch.
+    pub name: String,
+    /// Number of its elements selected.
+    pub selected: u64,
+    /// Number of its elements.
+    pub elements: u64,
 }
 
 /// Rows failed, and the store has the parts before them.
@@ -285,7 +312,12 @@ impl Job {
         };
         let selection = Selection::by_name(scene, model.patches(), names)?;
         let tolerance = self.accuracy.tolerance();
-        let patch_count = model.geometry().patch_count;
+        let grouping = Grouping::new(scene, model.patches(), self.patches).map(Arc::new);
+        if let Some(grouping) = &grouping {
+            self.require_whole(&selection, grouping, scene, model)?;
+        }
+        let patch_count = grouping.as_ref().map_or(model.patches().len(), |grouping| grouping.len());
+        let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
         let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance);
         let stage = InStage::begin(observer, Stage::Calibrate);
         let Sessions {
@@ -314,7 +346,7 @@ impl Job {
         drop(stage);
 
         let _stage = InStage::begin(observer, Stage::Build);
-        let plan = Plan::new(model, self.rows, selection, level.samples_per_edge, self.rotate)
+        let plan = Plan::grouped(model, self.rows, selection, level.samples_per_edge, self.rotate, grouping)
             .with_correction(level.correction)
             .with_min_factor(policy.min_factor)
             .with_form(policy.form);
@@ -378,7 +410,35 @@ impl Job {
             receivers: self.receivers.clone(),
             occluders: self.occluders.clone(),
             min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
+            patches: self.patches,
+            elements: plan.groups.as_ref().map(|groups| groups.grouping.elements() as u64),
         }
+    }
+
+    /// Refuses a selection that takes patches in part: their area is that of all their elements.
+    fn require_whole(
+        &self,
+        selection: &Selection,
+        grouping: &Grouping,
+        scene: &SceneInput,
+        model: &Model,
+    ) -> Result<(), PartlySelected> {
+        for (list, globs, chosen) in [
+            ("emitters", &self.emitters, &selection.emitters),
+            ("receivers", &self.receivers, &selection.receivers),
+        ] {
+            if let Some((patch, selected, elements)) = chosen.as_ref().and_then(|chosen| grouping.partly(chosen)) {
+                let list = if globs.is_empty() { "occluders" } else { list };
+                return Err(PartlySelected {
+                    list,
+                    kind: self.patches,
+                    name: grouping.name_of(patch, scene, model.patches()),
+                    selected,
+                    elements,
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Computes the rows into memory.
@@ -447,7 +507,7 @@ impl<'m> Run<'m> {
     /// Those of [`compute`](compute_rows).
     pub fn compute(self, sink: &mut dyn PartSink, observer: &dyn Observer) -> Result<Summary, ComputeError> {
         let stage = Stage::Rows {
-            row_count: self.plan.wanted_rows(),
+            row_count: self.plan.elements_of(self.plan.wanted()),
             resumed: 0,
         };
         self.compute_after(stage, sink, observer).1
@@ -494,7 +554,8 @@ impl<'m> Run<'m> {
         let header = self
             .settings
             .header(scene, patches, &scene.file, &self.plan, self.backend.info())?;
-        let table = PatchTable::new(scene, patches);
+        let grouping = self.plan.groups.as_ref().map(|groups| groups.grouping.as_ref());
+        let table = PatchTable::of(scene, patches, grouping);
         let (writer, resumed) = if overwrite {
             (
                 StoreWriter::create(directory, header, &table, true)?,
@@ -549,9 +610,11 @@ impl StoreRun<'_> {
     /// # Errors
     /// [`JobError::Rows`] when rows fail or a part cannot be written; [`JobError::Store`] when the manifest cannot.
     pub fn compute(self, listener: PartListener<'_>, observer: &dyn Observer) -> Result<Finished, JobError> {
+        let plan = &self.run.plan;
+        let resumed = plan.elements_of(self.writer.manifest().parts.iter().map(|part| part.index));
         let stage = Stage::Rows {
-            row_count: self.missing_rows() + self.resumed.rows,
-            resumed: self.resumed.rows,
+            row_count: plan.elements_of(self.missing.iter().copied()) + resumed,
+            resumed,
         };
         let Self {
             mut run,

@@ -1,13 +1,14 @@
 //! Plans: the rows to compute, in the order of work, and the parts that they are written in.
 
-use crate::Model;
+use crate::{Grouping, Model};
 use crate::accuracy::correct::Correction;
 use crate::accuracy::grain::Grain;
 use crate::sampling::splitmix;
 use crate::store::Form;
 use hemicube_scene::InputPatch;
+use std::sync::Arc;
 
-/// Patches that have rows and columns. All patches occlude, selected or not.
+/// Elements that have rows and columns. All elements occlude, selected or not.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
     /// True for each patch that has a row; `None`: all have.
@@ -67,9 +68,11 @@ pub enum RowChoice {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The emitting patch of each row, in the order of work.
+    /// The emitting element of each row, in the order of work; the elements of a patch stand together.
     pub rows: Vec<InputPatch>,
-    /// Rows of a part, at most 1024; the last part may have fewer.
+    /// The patches, where they are several elements; `None`: each element is a patch.
+    pub groups: Option<Groups>,
+    /// Rows of a part, of patches, at most 1024; the last part may have fewer.
     pub rows_per_part: u32,
     /// n of the n² hemicubes of a row.
     pub samples_per_edge: u32,
@@ -88,18 +91,107 @@ pub struct Plan {
     pub parts: Option<Vec<u32>>,
 }
 
+/// Rows of patches that are several elements.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Groups {
+    /// The patch of each element.
+    pub grouping: Arc<Grouping>,
+    /// The patch of each row, in the order of work.
+    pub patches: Vec<InputPatch>,
+    /// Place of each row's first element in [`Plan::rows`], and the number of elements.
+    starts: Vec<usize>,
+}
+
+impl Groups {
+    /// The rows of `choice`, of patches, in the order of their first elements in `order`. Returns the elements, in their
+    /// order within each patch, as well.
+    fn new(grouping: Arc<Grouping>, choice: RowChoice, order: &[InputPatch]) -> (Self, Vec<InputPatch>) {
+        let mut place = vec![u32::MAX; grouping.len()];
+        let mut patches = Vec::new();
+        for &element in order {
+            let patch = grouping.patch_of(element);
+            if std::mem::replace(&mut place[patch.0 as usize], 0) == u32::MAX {
+                patches.push(patch);
+            }
+        }
+        choice.keep(&mut patches);
+        place.fill(u32::MAX);
+        for (row, patch) in (0..).zip(&patches) {
+            place[patch.0 as usize] = row;
+        }
+        // Sorted by counting: the order of work stays within a patch.
+        let mut starts = vec![0; patches.len() + 1];
+        let row_of = |element: InputPatch| place[grouping.patch_of(element).0 as usize];
+        for &element in order {
+            if let Some(end) = starts.get_mut(row_of(element) as usize + 1) {
+                *end += 1;
+            }
+        }
+        for row in 0..patches.len() {
+            starts[row + 1] += starts[row];
+        }
+        let mut next = starts.clone();
+        let mut rows = vec![InputPatch(0); starts[patches.len()]];
+        for &element in order {
+            let row = row_of(element) as usize;
+            if row < patches.len() {
+                rows[next[row]] = element;
+                next[row] += 1;
+            }
+        }
+        let groups = Self {
+            grouping,
+            patches,
+            starts,
+        };
+        (groups, rows)
+    }
+}
+
+impl RowChoice {
+    /// Keeps the rows chosen.
+    fn keep(self, rows: &mut Vec<InputPatch>) {
+        match self {
+            Self::All => {}
+            Self::Range { start, end } => rows.retain(|p| (start..end).contains(&p.0)),
+            Self::Sample { count, seed } => *rows = sample(rows, count as usize, seed),
+        }
+    }
+}
+
 impl Plan {
     /// Plans the rows of `choice`, by the scene and the settings only.
     pub fn new(model: &Model, choice: RowChoice, selection: Selection, samples_per_edge: u32, rotate: bool) -> Self {
+        Self::grouped(model, choice, selection, samples_per_edge, rotate, None)
+    }
+
+    /// [`Self::new`] for rows of the patches of `grouping`: `choice` is among patches, and each has all of its selected
+    /// elements.
+    pub fn grouped(
+        model: &Model,
+        choice: RowChoice,
+        selection: Selection,
+        samples_per_edge: u32,
+        rotate: bool,
+        grouping: Option<Arc<Grouping>>,
+    ) -> Self {
         let mut rows: Vec<InputPatch> = model.order().filter(|&p| selection.emits(p)).collect();
-        match choice {
-            RowChoice::All => {}
-            RowChoice::Range { start, end } => rows.retain(|p| (start..end).contains(&p.0)),
-            RowChoice::Sample { count, seed } => rows = sample(&rows, count as usize, seed),
-        }
+        let groups = if let Some(grouping) = grouping {
+            let (groups, elements) = Groups::new(grouping, choice, &rows);
+            rows = elements;
+            Some(groups)
+        } else {
+            choice.keep(&mut rows);
+            None
+        };
         Self {
-            rows_per_part: Self::rows_per_part_of(rows.len()),
+            rows_per_part: match &groups {
+                // A part may have many elements: a killed run loses no more than one of some dozens.
+                Some(groups) => Self::rows_per_part_of(groups.patches.len()).min(least_of(groups.patches.len())),
+                None => Self::rows_per_part_of(rows.len()),
+            },
             rows,
+            groups,
             samples_per_edge,
             rotate,
             selection,
@@ -168,21 +260,40 @@ impl Plan {
         self.samples_per_edge as usize * self.samples_per_edge as usize
     }
 
+    /// Number of rows: of patches.
+    pub fn row_count(&self) -> usize {
+        self.groups.as_ref().map_or(self.rows.len(), |groups| groups.patches.len())
+    }
+
     /// Number of parts.
     pub fn part_count(&self) -> usize {
-        self.rows.len().div_ceil(self.rows_per_part as usize)
+        self.row_count().div_ceil(self.rows_per_part as usize)
     }
 
-    /// Places of a part's rows in [`Self::rows`]; empty beyond the last part.
+    /// Places of a part's rows, of patches; empty beyond the last part.
+    fn patches_of_part(&self, part: u32) -> std::ops::Range<usize> {
+        let start = (part as usize * self.rows_per_part as usize).min(self.row_count());
+        start..(start + self.rows_per_part as usize).min(self.row_count())
+    }
+
+    /// Places of a part's elements in [`Self::rows`]; empty beyond the last part.
     pub(super) fn rows_of_part(&self, part: u32) -> std::ops::Range<usize> {
-        let start = (part as usize * self.rows_per_part as usize).min(self.rows.len());
-        start..(start + self.rows_per_part as usize).min(self.rows.len())
+        let rows = self.patches_of_part(part);
+        match &self.groups {
+            Some(groups) => groups.starts[rows.start]..groups.starts[rows.end],
+            None => rows,
+        }
     }
 
-    /// Number of rows of the parts to compute.
+    /// Number of rows of the parts to compute, of patches.
     pub fn wanted_rows(&self) -> u64 {
-        let rows = |&part: &u32| self.rows_of_part(part).len() as u64;
+        let rows = |&part: &u32| self.patches_of_part(part).len() as u64;
         self.wanted().iter().map(rows).sum()
+    }
+
+    /// Number of elements with rows in some parts.
+    pub fn elements_of(&self, parts: impl IntoIterator<Item = u32>) -> u64 {
+        parts.into_iter().map(|part| self.rows_of_part(part).len() as u64).sum()
     }
 
     /// The parts to compute, ascending.
@@ -193,6 +304,11 @@ impl Plan {
             None => (0..count).collect(),
         }
     }
+}
+
+/// A power of two from 1 on, near rows / 64.
+fn least_of(rows: usize) -> u32 {
+    u32::try_from((rows / 64).next_power_of_two()).unwrap_or(u32::MAX)
 }
 
 /// Draws `count` of `rows`, keeping their order (Knuth 1969, algorithm 3.4.2 S).

@@ -1,5 +1,6 @@
 //! Settings of rows in manifests and reports. Equal settings and scenes make equal stores, byte for byte.
 
+use crate::PatchKind;
 use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
 use crate::store::{BackendEntry, Error, Header, SceneEntry, scene_hash};
@@ -75,6 +76,12 @@ pub struct RowSettings {
     /// Form factors below this are left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_factor: Option<f64>,
+    /// Kind of the patches; absent for triangles.
+    #[serde(skip_serializing_if = "PatchKind::is_triangle")]
+    pub patches: PatchKind,
+    /// Number of elements, where patches are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub elements: Option<u64>,
 }
 
 /// A [`Subdivision`] in a manifest.
@@ -158,6 +165,7 @@ impl RowSettings {
     ) -> Result<Header, Error> {
         let too_many = |what| Error::unsupported(file, format!("has more {what} than a matrix can have"));
         let name = file.file_name();
+        let patch_count = plan.groups.as_ref().map_or(patches.len(), |groups| groups.grouping.len());
         Ok(Header {
             program: PROGRAM.to_owned(),
             scene: SceneEntry {
@@ -167,8 +175,8 @@ impl RowSettings {
             settings: serde_json::to_value(self)
                 .map_err(|error| Error::unsupported(file, format!("has settings that are no JSON: {error}")))?,
             correction: self.correction.to_owned(),
-            patch_count: u32::try_from(patches.len()).map_err(|_| too_many("patches"))?,
-            row_count: u32::try_from(plan.rows.len()).map_err(|_| too_many("rows"))?,
+            patch_count: u32::try_from(patch_count).map_err(|_| too_many("patches"))?,
+            row_count: u32::try_from(plan.row_count()).map_err(|_| too_many("rows"))?,
             rows_per_part: plan.rows_per_part,
             form: plan.form,
             min_factor: plan.min_factor,

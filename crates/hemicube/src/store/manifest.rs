@@ -8,6 +8,7 @@ use super::BalanceEntry;
 use super::Thinning;
 use super::durable::write_whole;
 use super::{Error, Form, Result, RowSums};
+use crate::grouping::PatchKind;
 use hemicube_scene::{Patches, Scene, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -18,8 +19,12 @@ use std::path::Path;
 /// Value of [`Manifest::format`] in every store.
 pub const FORMAT: &str = "hemicube-store";
 
-/// Version of the format, as written.
+/// Version of the format, as written for a matrix of triangles.
 pub const VERSION: u32 = 2;
+
+/// Version of the format for patches of several elements, by `settings.patches`: readers of version 2 take rows and
+/// columns for triangles.
+pub const VERSION_GROUPED: u32 = 3;
 
 /// The oldest version read. Version 1 has no refined shares: its rows take those of their hemicubes.
 pub const VERSION_MIN: u32 = 1;
@@ -72,6 +77,16 @@ impl Header {
     pub fn part_count(&self) -> u32 {
         self.row_count.div_ceil(self.rows_per_part.max(1))
     }
+
+    /// Kind of the patches, by `settings.patches`; triangles where the settings name none.
+    pub fn patch_kind(&self) -> PatchKind {
+        kind_of(&self.settings).unwrap_or_default()
+    }
+}
+
+/// The kind of patches that settings name.
+fn kind_of(settings: &Value) -> Option<PatchKind> {
+    PatchKind::of_name(settings.get("patches")?.as_str()?)
 }
 
 /// The scene of a matrix.
@@ -128,7 +143,7 @@ pub struct PartEntry {
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// From [`VERSION_MIN`] to [`VERSION`].
+    /// From [`VERSION_MIN`] to [`VERSION_GROUPED`].
     pub version: u32,
     /// Version of the program.
     pub program: String,
@@ -243,8 +258,8 @@ fn option(name: &str, value: &Value) -> String {
 /// Names the settings that differ, by their options. Settings of other programs have their path as a name.
 fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) {
     match (theirs, ours) {
-        // Follows from the tolerance and the scene.
-        _ if name == "reason" => {}
+        // They follow from the tolerance and the scene.
+        _ if matches!(name, "reason" | "elements") => {}
         (Value::Object(theirs), Value::Object(ours)) if !matches!(name, "subdivision" | "rows") => {
             let keys: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();
             for key in keys {
@@ -281,10 +296,15 @@ impl Manifest {
     /// The manifest of a store without parts.
     pub(crate) fn new(header: Header) -> Self {
         let part_count = header.part_count();
+        let version = if header.patch_kind().is_triangle() {
+            VERSION
+        } else {
+            VERSION_GROUPED
+        };
         let settings = sorted(&header.settings);
         Self {
             format: FORMAT.to_owned(),
-            version: VERSION,
+            version,
             program: header.program,
             scene: header.scene,
             settings_hash: blake3::hash(settings.to_string().as_bytes()).to_hex().to_string(),
@@ -446,11 +466,11 @@ impl Manifest {
             return Err("is no manifest of a store".into());
         }
         match fields.get("version").and_then(Value::as_u64) {
-            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION)).contains(&version) => {}
+            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION_GROUPED)).contains(&version) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION}: use the one that \
-                     wrote it"
+                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION_GROUPED}: use the \
+                     one that wrote it"
                 ));
             }
             None => return Err("has no version".into()),
@@ -470,12 +490,35 @@ impl Manifest {
         self.version > 1
     }
 
+    /// Kind of the patches: rows and columns.
+    pub fn patch_kind(&self) -> PatchKind {
+        if self.version < VERSION_GROUPED {
+            return PatchKind::Triangle;
+        }
+        kind_of(&self.settings).unwrap_or_default()
+    }
+
+    /// Number of elements of the scene, its triangles as cut, by `settings.elements`; the patches where they are
+    /// triangles.
+    pub fn elements(&self) -> u64 {
+        let counted = self.settings.get("elements").and_then(Value::as_u64);
+        counted
+            .filter(|_| !self.patch_kind().is_triangle())
+            .unwrap_or_else(|| self.patch_count.into())
+    }
+
     /// Returns whether the numbers fit together. Every size allocated later rests on this or on a file's size.
     fn check(&self) -> std::result::Result<(), String> {
         if self.patch_count > PATCH_COUNT_MAX || self.row_count > self.patch_count {
             return Err(format!(
                 "has {} rows of {} patches, which cannot be",
                 self.row_count, self.patch_count
+            ));
+        }
+        if (self.version == VERSION_GROUPED) == self.patch_kind().is_triangle() {
+            return Err(format!(
+                "has version {} and patches of the kind {}, which cannot be",
+                self.version, self.settings["patches"]
             ));
         }
         if self.rows_per_part == 0 || self.part_count != self.row_count.div_ceil(self.rows_per_part) {
@@ -516,23 +559,26 @@ impl Manifest {
 /// The patches of a matrix, in input order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PatchTable {
-    /// Number of the scene file's face that the patch was cut from, from 0.
+    /// Number of the scene file's face that the patch was cut from, from 0; [`Self::SEVERAL`].
     pub face: Vec<u32>,
-    /// Index into [`Manifest::objects`].
+    /// Index into [`Manifest::objects`]; [`Self::SEVERAL`].
     pub object: Vec<u32>,
-    /// Index into [`Manifest::materials`].
+    /// Index into [`Manifest::materials`]; [`Self::SEVERAL`].
     pub material: Vec<u32>,
-    /// 0 for a front, 1 for the back of a two-sided triangle.
+    /// 0 for a front, 1 for the back of a two-sided triangle; 1 for a patch of several elements if all are backs.
     pub side: Vec<u8>,
     /// Area, in the file's unit squared.
     pub area: Vec<f64>,
     /// Centroid, in the file's unit.
     pub centroid: Vec<[f64; 3]>,
-    /// Unit normal, away from the radiating side; zero for a patch without area.
+    /// Unit normal, away from the radiating side; zero for a patch without area, and for elements that lie in no plane.
     pub normal: Vec<[f64; 3]>,
 }
 
 impl PatchTable {
+    /// Face, object or material of a patch whose elements have several.
+    pub const SEVERAL: u32 = u32::MAX;
+
     /// The table of `patches`, cut from `scene`.
     pub fn new(scene: &Scene, patches: &Patches) -> Self {
         let mut table = Self::default();

@@ -1,15 +1,16 @@
 //! Requirements on the arrays of a store, beyond fitting together. Writers refuse violations before a file is there,
 //! readers before anything is made of it: no row, patch or column is handed out unchecked.
 
-use super::{Form, HEMICUBE_WEIGHT, Part, PatchTable, RowSums, compact};
+use super::{HEMICUBE_WEIGHT, Manifest, Part, PatchTable, RowSums, compact};
+use crate::grouping::PatchKind;
 use std::result::Result;
 
 /// Form factors are below this, in either form. A fraction is 1 at most; errors of closed forms of patches that all but
 /// touch stay far below the other 1.
 pub(super) const FACTOR_END: f32 = 2.0;
 
-/// Most hemicubes of a row: 4096 by `--samples`, and 16 times as many for an inconsistent row.
-pub(super) const HEMICUBES_MAX: u32 = 1 << 16;
+/// Most hemicubes of an element's row: 4096 by `--samples`, and 16 times as many for an inconsistent row.
+const HEMICUBES_MAX: u32 = 1 << 16;
 
 /// By how much the square of a unit normal may be off 1.
 const NORMAL_ERROR: f64 = 1e-6;
@@ -57,11 +58,18 @@ pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> b
         && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)))
 }
 
-/// Checks a part against everything that readers rely on. Returns the sums over its rows.
+/// Checks a part of `row_count` rows against everything that readers of `manifest`'s store rely on. Returns the sums
+/// over its rows.
 ///
 /// # Errors
 /// The first violation, as a clause about the part.
-pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) -> Result<RowSums, String> {
+pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result<RowSums, String> {
+    let (patch_count, form) = (manifest.patch_count, manifest.form);
+    let hemicubes_max = if manifest.patch_kind().is_triangle() {
+        HEMICUBES_MAX
+    } else {
+        u32::MAX
+    };
     let lengths = [
         part.rows.len(),
         part.sums.len(),
@@ -113,9 +121,9 @@ pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) 
             ));
         }
         let (sums, hemicubes) = (&part.sums[row], part.hemicubes[row]);
-        if hemicubes > HEMICUBES_MAX {
+        if hemicubes > hemicubes_max {
             return Err(format!(
-                "has {hemicubes} hemicubes in the row of patch {patch}, where {HEMICUBES_MAX} are the most"
+                "has {hemicubes} hemicubes in the row of patch {patch}, where {hemicubes_max} are the most"
             ));
         }
         if sums.total() != Some(u64::from(hemicubes) * HEMICUBE_WEIGHT) {
@@ -145,13 +153,16 @@ pub(super) fn no_row(patch: u32) -> String {
     format!("has a row of patch {patch}, which does not exist or has a row already")
 }
 
-/// Checks the patches' names and geometry.
+/// Checks the patches' names and geometry. Patches of several elements may have [`PatchTable::SEVERAL`] faces, objects
+/// or materials, and no normal.
 ///
 /// # Errors
 /// The first violation, as a clause about the table.
-pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> Result<(), String> {
+pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize, kind: PatchKind) -> Result<(), String> {
+    let may_be_several = !kind.is_triangle();
     let beyond = |what: &str, numbers: &[u32], names: usize| {
-        let found = (0..).zip(numbers).find(|&(_, &number)| number as usize >= names);
+        let is_beyond = |number| number as usize >= names && !(may_be_several && number == PatchTable::SEVERAL);
+        let found = (0..).zip(numbers).find(|&(_, &number)| is_beyond(number));
         found.map_or(Ok(()), |(patch, number): (u32, _)| {
             Err(format!(
                 "has patch {patch} of the {what} {number}, and the manifest names {names}"
@@ -186,6 +197,9 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize) -> R
         }
         let square: f64 = normal.iter().map(|component| component * component).sum();
         let off = (square - 1.0).abs();
+        if may_be_several && square == 0.0 {
+            continue;
+        }
         if off > NORMAL_ERROR || off.is_nan() {
             return Err(format!(
                 "has patch {patch} with the normal {normal:?}, which is no unit vector"

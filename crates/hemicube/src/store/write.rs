@@ -262,7 +262,6 @@ impl StoreWriter {
 
     /// Checks a part for readers. Returns the sums over all rows.
     fn inspect(&self, part: &Part) -> std::result::Result<RowSums, String> {
-        let patch_count = self.manifest.patch_count;
         if part.index >= self.manifest.part_count {
             return Err(format!("it is part {} of {}", part.index, self.manifest.part_count));
         }
@@ -271,7 +270,7 @@ impl StoreWriter {
         }
         let count = self.manifest.rows_of_part(part.index) as usize;
         let total =
-            validate::part(part, count, patch_count, self.manifest.form).map_err(|reason| format!("it {reason}"))?;
+            validate::part(part, count, &self.manifest).map_err(|reason| format!("it {reason}"))?;
         match part
             .rows
             .iter()
@@ -380,7 +379,8 @@ pub(super) fn check_header(directory: &Path, header: &Header, patches: &PatchTab
     if !patches.is_of(header.patch_count) {
         return refused(format!("the patch table does not have {} patches", header.patch_count));
     }
-    validate::patches(patches, header.objects.len(), header.materials.len())
+    let kind = header.patch_kind();
+    validate::patches(patches, header.objects.len(), header.materials.len(), kind)
         .or_else(|reason| refused(format!("the patch table {reason}")))
 }
 

@@ -83,6 +83,8 @@ class Matrix:
     @property
     def nnz(self) -> int: ...
     @property
+    def names(self) -> list[str] | None: ...
+    @property
     def path(self) -> PathLike[str] | None: ...
     @property
     def complete(self) -> bool: ...
@@ -274,6 +276,7 @@ def compute(
     emitters: Sequence[str] = ...,
     receivers: Sequence[str] = ...,
     occluders: Sequence[str] = ...,
+    patches: Literal["triangle", "face", "object", "material"] | None = None,
     min_factor: float | None = None,
     output: _Path | None = None,
     store: Literal["plain", "compact"] | None = None,

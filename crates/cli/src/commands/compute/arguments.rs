@@ -7,6 +7,7 @@ use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
 use crate::report::matrix_of;
 use clap::{Args, ValueEnum};
+use hemicube::PatchKind;
 use hemicube::store::Form;
 use std::path::PathBuf;
 
@@ -17,6 +18,7 @@ use std::path::PathBuf;
   hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
   hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
   hemicube compute city.obj -o city.hemicube --shard 3/16    then: hemicube merge city.hemicube
+  hemicube compute house.obj -o house.hemicube --patches object     form factors between objects
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
   hemicube compute room.obj -o fine.hemicube --subdivide 4 --resolution 512 --json=fine.json",
     true,
@@ -63,6 +65,15 @@ pub(crate) struct Arguments {
         hide = true
     )]
     pub(crate) batch: u32,
+    /// Rows and columns: triangles as cut, or the faces, objects or materials that they are of
+    #[arg(
+        long = "patches",
+        value_name = "triangle|face|object|material",
+        default_value = "triangle",
+        hide_possible_values = true,
+        help_heading = "Rows and columns"
+    )]
+    pub(crate) kind: Kind,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
     /// plain: f32, opens in SciPy; compact: a third to a quarter of that, F within 0.05 % of itself; auto: by size
@@ -140,6 +151,30 @@ impl StoreForm {
             Self::Auto => None,
             Self::Plain => Some(Form::Plain),
             Self::Compact => Some(Form::Compact),
+        }
+    }
+}
+
+/// Kinds of patches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Kind {
+    /// Triangles, as cut.
+    Triangle,
+    /// Faces of the file.
+    Face,
+    /// Objects.
+    Object,
+    /// Materials.
+    Material,
+}
+
+impl From<Kind> for PatchKind {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Triangle => Self::Triangle,
+            Kind::Face => Self::Face,
+            Kind::Object => Self::Object,
+            Kind::Material => Self::Material,
         }
     }
 }

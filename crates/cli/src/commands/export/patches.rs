@@ -60,6 +60,9 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         } else {
             Axis::Z
         };
+        if let Some(grouping) = &prepared.grouping {
+            results.spread(grouping)?;
+        }
         results.place(&prepared.patches, up)?;
     }
     if format.has_colors() {

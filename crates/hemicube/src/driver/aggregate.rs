@@ -1,0 +1,169 @@
+//! Rows of patches that are several elements, added up while the rows of their elements stream.
+//!
+//! ```text
+//! F_IJ = Σ_{i∈I} A_i Σ_{j∈J} F_ij / Σ_{i∈I} A_i        X_I = Σ_{i∈I} A_i X_i / Σ_{i∈I} A_i
+//! e_I = Σ_{i∈I} A_i e_i / Σ_{i∈I} A_i
+//! ```
+//!
+//! X are the shares *escaped*, *blocked* and *unselected*, e the expected errors of rows, √Σ (F − true F)². Errors of
+//! the columns of one patch are taken for independent, those of its elements for equal: neighbours see the same
+//! penumbrae (`docs/accuracy.md` has measurements). Workers add up the columns of an element's row, in the order of columns; the collector adds up
+//! elements, in the order of work. Both are in f64 and do not depend on threads or batches. Weights, hemicubes and rays
+//! are added up in integers. Memory: the open row, and one element's row a worker, 8 bytes a patch each.
+
+use crate::Grouping;
+use crate::driver::plan::Plan;
+use crate::store::{Part, RowShares, RowSums, small_entries};
+use hemicube_scene::InputPatch;
+
+/// Adds up the columns of elements' rows, one row after the other.
+#[derive(Debug, Default)]
+pub(super) struct ColumnSums {
+    /// By patch; 0 between rows.
+    sums: Vec<f64>,
+    /// The row's patches.
+    touched: Vec<u32>,
+}
+
+impl ColumnSums {
+    /// Replaces the entries of a part from `start` on, of an element's row, by those of the patches, ascending. Form
+    /// factors go from `part.data` to `factors`.
+    pub(super) fn add_up(&mut self, grouping: &Grouping, part: &mut Part, start: usize, factors: &mut Vec<f64>) {
+        self.sums.resize(grouping.len(), 0.0);
+        for (&column, &factor) in part.indices[start..].iter().zip(&part.data) {
+            let patch = grouping.patch_of(InputPatch(column.cast_unsigned())).0;
+            let sum = &mut self.sums[patch as usize];
+            if *sum == 0.0 {
+                self.touched.push(patch);
+            }
+            *sum += f64::from(factor);
+        }
+        part.indices.truncate(start);
+        part.data.clear();
+        self.touched.sort_unstable();
+        self.touched.dedup();
+        for patch in self.touched.drain(..) {
+            let sum = std::mem::take(&mut self.sums[patch as usize]);
+            part.indices.push(patch.cast_signed());
+            factors.push(sum);
+        }
+    }
+}
+
+/// The row of a patch, some of whose elements have come.
+#[derive(Debug)]
+pub(super) struct OpenRow<'a> {
+    plan: &'a Plan,
+    grouping: &'a Grouping,
+    patch: Option<InputPatch>,
+    /// Σ A_i Σ_j F_ij by patch; 0 between rows.
+    exchange: Vec<f64>,
+    touched: Vec<u32>,
+    /// Of the elements with hemicubes; those of all elements.
+    area: f64,
+    whole_area: f64,
+    shares: [f64; 3],
+    error: f64,
+    sums: RowSums,
+    hemicubes: u64,
+    rays: u64,
+}
+
+/// A row added to a part: its patch's area and the change by leaving out small entries.
+pub(super) type Closed = (f64, small_entries::RowChange);
+
+impl<'a> OpenRow<'a> {
+    /// `None` where elements are patches.
+    pub(super) fn new(plan: &'a Plan) -> Option<Self> {
+        let grouping = plan.groups.as_ref()?.grouping.as_ref();
+        Some(Self {
+            plan,
+            grouping,
+            patch: None,
+            exchange: vec![0.0; grouping.len()],
+            touched: Vec::new(),
+            area: 0.0,
+            whole_area: 0.0,
+            shares: [0.0; 3],
+            error: 0.0,
+            sums: RowSums::default(),
+            hemicubes: 0,
+            rays: 0,
+        })
+    }
+
+    /// Returns whether an element is of another patch than the row.
+    pub(super) fn ends_before(&self, element: u32) -> bool {
+        self.patch.is_some_and(|patch| patch != self.grouping.patch_of(InputPatch(element)))
+    }
+
+    /// Adds an element: a row of `part` with added up columns, whose form factors are `factors`.
+    pub(super) fn add(&mut self, part: &Part, row: usize, factors: &[f64], area: f64) {
+        self.patch = Some(self.grouping.patch_of(InputPatch(part.rows[row])));
+        self.whole_area += area;
+        // An element without a hemicube has no area to speak of, and neither form factors nor shares.
+        if part.hemicubes[row] == 0 {
+            return;
+        }
+        self.area += area;
+        // Batches have the ends of their rows only.
+        let end = |row: usize| usize::try_from(part.indptr[row]).unwrap_or(0);
+        let entries = row.checked_sub(1).map_or(0, end)..end(row);
+        for (&patch, &factor) in part.indices[entries.clone()].iter().zip(&factors[entries]) {
+            let patch = patch.cast_unsigned();
+            let sum = &mut self.exchange[patch as usize];
+            if *sum == 0.0 {
+                self.touched.push(patch);
+            }
+            *sum += area * factor;
+        }
+        for (sum, share) in self.shares.iter_mut().zip(part.shares[row].to_array()) {
+            *sum += area * share;
+        }
+        self.error += area * f64::from(part.errors[row]);
+        let of_row = &part.sums[row];
+        self.sums.visible += of_row.visible;
+        self.sums.escaped += of_row.escaped;
+        self.sums.blocked += of_row.blocked;
+        self.sums.unselected += of_row.unselected;
+        self.hemicubes += u64::from(part.hemicubes[row]);
+        self.rays += u64::from(part.rays[row]);
+    }
+
+    /// Appends the row, without small entries and rounded as planned, to a part. `None` without an element.
+    pub(super) fn close(&mut self, part: &mut Part) -> Option<Closed> {
+        let patch = self.patch.take()?;
+        let start = part.data.len();
+        self.touched.sort_unstable();
+        self.touched.dedup();
+        for patch in self.touched.drain(..) {
+            let exchange = std::mem::take(&mut self.exchange[patch as usize]);
+            part.indices.push(patch.cast_signed());
+            part.data.push(narrow(exchange / self.area));
+        }
+        let mut error = narrow(self.error / self.area);
+        let change = small_entries::keep(part, start, self.plan.min_factor, self.plan.form, &mut error);
+        let is_known = self.hemicubes > 0;
+        part.rows.push(patch.0);
+        part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
+        part.sums.push(std::mem::take(&mut self.sums));
+        // A mean of ones may round to above 1.
+        let shares = std::mem::take(&mut self.shares).map(|sum| (sum / self.area).min(1.0));
+        part.shares.push(if is_known {
+            RowShares::from_array(shares)
+        } else {
+            RowShares::UNKNOWN
+        });
+        part.errors.push(if is_known { error } else { f32::NAN });
+        // More than fit are refused by the store: the weights then do not sum to the hemicubes'.
+        part.hemicubes.push(u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX));
+        part.rays.push(u32::try_from(std::mem::take(&mut self.rays)).unwrap_or(u32::MAX));
+        (self.area, self.error) = (0.0, 0.0);
+        Some((std::mem::take(&mut self.whole_area), change))
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "form factors are stored as f32")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}
