@@ -74,6 +74,7 @@ pub fn settings(correction: &Correction) -> RowSettings {
         receivers: Vec::new(),
         occluders: Vec::new(),
         min_factor: None,
+        portals: None,
     }
 }
 

@@ -37,6 +37,7 @@ pub mod factor;
 pub mod frame;
 mod geometry;
 mod model;
+pub mod portal;
 pub mod reference;
 mod sampling;
 mod simd;

@@ -13,6 +13,7 @@ use hemicube::driver::level::Asked;
 use hemicube::store::{Form, PatchTable, Store};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
+use std::sync::Arc;
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -260,6 +261,7 @@ pub(crate) fn compute(
         )));
     }
     let job = Job {
+        portals: Arc::default(),
         accuracy: asked(tolerance, correction, resolution, samples)?,
         rotate: rotation,
         rows: choice,

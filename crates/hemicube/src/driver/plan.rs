@@ -3,9 +3,11 @@
 use crate::Model;
 use crate::accuracy::correct::Correction;
 use crate::accuracy::grain::Grain;
+use crate::portal::Portals;
 use crate::sampling::splitmix;
 use crate::store::Form;
 use hemicube_scene::InputPatch;
+use std::sync::Arc;
 
 /// Patches that have rows and columns. All patches occlude, selected or not.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -17,7 +19,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    fn emits(&self, patch: InputPatch) -> bool {
+    pub(super) fn emits(&self, patch: InputPatch) -> bool {
         self.emitters.as_ref().is_none_or(|e| e[patch.0 as usize])
     }
 
@@ -83,6 +85,8 @@ pub struct Plan {
     pub min_factor: f64,
     /// The store's form, to which form factors are rounded.
     pub form: Form,
+    /// Mirrors, panes, and images of the cell.
+    pub portals: Arc<Portals>,
     /// The parts to compute, ascending; `None`: all. Parts do not depend on each other: leaving some out changes
     /// nothing in the others.
     pub parts: Option<Vec<u32>>,
@@ -106,6 +110,7 @@ impl Plan {
             correction: Correction::Pixel,
             min_factor: 0.0,
             form: Form::Plain,
+            portals: Arc::default(),
             parts: None,
         }
     }
@@ -149,6 +154,14 @@ impl Plan {
     #[must_use]
     pub fn with_form(mut self, form: Form) -> Self {
         self.form = form;
+        self
+    }
+
+    /// The plan with portals. Where they have images of a cell, rows and columns chosen are those of the model with
+    /// images.
+    #[must_use]
+    pub fn with_portals(mut self, portals: Arc<Portals>) -> Self {
+        self.portals = portals;
         self
     }
 

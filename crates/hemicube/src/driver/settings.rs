@@ -2,6 +2,7 @@
 
 use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
+use crate::portal::PortalRecord;
 use crate::store::{BackendEntry, Error, Header, SceneEntry, scene_hash};
 use hemicube_scene::{Axis, Patches, Scene, Subdivision};
 use serde::Serialize;
@@ -75,6 +76,9 @@ pub struct RowSettings {
     /// Form factors below this are left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_factor: Option<f64>,
+    /// Mirrors, panes, planes of symmetry, sectors, periods; absent without any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub portals: Option<PortalRecord>,
 }
 
 /// A [`Subdivision`] in a manifest.

@@ -1,12 +1,16 @@
 //! Requirements on the arrays of a store, beyond fitting together. Writers refuse violations before a file is there,
 //! readers before anything is made of it: no row, patch or column is handed out unchecked.
 
-use super::{Form, HEMICUBE_WEIGHT, Part, PatchTable, RowSums, compact};
+use super::{HEMICUBE_WEIGHT, Manifest, Part, PatchTable, RowSums, compact};
 use std::result::Result;
 
 /// Form factors are below this, in either form. A fraction is 1 at most; errors of closed forms of patches that all but
 /// touch stay far below the other 1.
 pub(super) const FACTOR_END: f32 = 2.0;
+
+/// Likewise where portals hand light on: what arrives at a mirror may have been there before. Beyond the most portals
+/// that a path goes through.
+pub(super) const PASSED_FACTOR_END: f32 = 65_536.0;
 
 /// Most hemicubes of a row: 4096 by `--samples`, and 16 times as many for an inconsistent row.
 pub(super) const HEMICUBES_MAX: u32 = 1 << 16;
@@ -17,16 +21,16 @@ const NORMAL_ERROR: f64 = 1e-6;
 /// By how much fractions of one hemicube may sum to more than 1: rounding of three of them.
 const FRACTION_ERROR: f64 = 1e-9;
 
-/// Returns whether all are form factors: numbers from 0 to below [`FACTOR_END`].
-pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone) -> bool {
+/// Returns whether all are form factors: numbers from 0 to below `end`, [`FACTOR_END`] or [`PASSED_FACTOR_END`].
+pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone, end: f32) -> bool {
     // The two highest bits are the sign and 2, set in infinities and NaN too. Without a branch this takes a tenth of
     // the time of two comparisons each.
     let bits = factors.clone().fold(0, |bits, factor| bits | factor.to_bits());
-    bits & 0xC000_0000 == 0 || factors.into_iter().all(is_factor)
+    bits & 0xC000_0000 == 0 || factors.into_iter().all(|factor| is_factor(factor, end))
 }
 
-fn is_factor(factor: f32) -> bool {
-    (0.0..FACTOR_END).contains(&factor)
+fn is_factor(factor: f32, end: f32) -> bool {
+    (0.0..end).contains(&factor)
 }
 
 /// Returns whether columns ascend, and are of a matrix of so many.
@@ -42,7 +46,7 @@ pub(super) fn are_columns(columns: &[i32], patch_count: u32) -> bool {
 }
 
 /// Likewise for the bytes of a plain row, with its form factors.
-pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> bool {
+pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32, end: f32) -> bool {
     let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
     let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else {
         return true;
@@ -54,14 +58,19 @@ pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> b
     ascends
         && i32::from_le_bytes(first) >= 0
         && i32::from_le_bytes(last).cast_unsigned() < patch_count
-        && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)))
+        && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)), end)
 }
 
 /// Checks a part against everything that readers rely on. Returns the sums over its rows.
 ///
 /// # Errors
 /// The first violation, as a clause about the part.
-pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) -> Result<RowSums, String> {
+pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result<RowSums, String> {
+    let (patch_count, form, end) = (manifest.patch_count, manifest.form, manifest.factor_end());
+    let passages = if manifest.has_portals() { row_count } else { 0 };
+    if part.passages.len() != passages {
+        return Err(format!("does not say of {passages} rows what portals did with them"));
+    }
     let lengths = [
         part.rows.len(),
         part.sums.len(),
@@ -98,8 +107,8 @@ pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) 
                 "has columns in the row of patch {patch} that do not ascend, or leave the matrix"
             ));
         }
-        if !are_factors(factors.iter().copied()) {
-            let bad = factors.iter().copied().find(|&factor| !is_factor(factor));
+        if !are_factors(factors.iter().copied(), end) {
+            let bad = factors.iter().copied().find(|&factor| !is_factor(factor, end));
             return Err(format!(
                 "has the form factor {} in the row of patch {patch}",
                 bad.unwrap_or(f32::NAN)
@@ -134,6 +143,9 @@ pub(super) fn part(part: &Part, row_count: usize, patch_count: u32, form: Form) 
         let error = part.errors[row];
         if !(error.is_nan() || error >= 0.0 && error.is_finite()) {
             return Err(format!("has the expected error {error} in the row of patch {patch}"));
+        }
+        if let Some(passage) = part.passages.get(row).filter(|passage| !passage.is_valid()) {
+            return Err(format!("has {passage:?} in the row of patch {patch}"));
         }
         total = total.plus(sums).ok_or("has weights that do not fit 64 bits")?;
     }
@@ -231,7 +243,7 @@ mod tests {
 
     #[test]
     fn factors_are_told_from_what_is_none() {
-        let all = |factors: &[f32]| are_factors(factors.iter().copied());
+        let all = |factors: &[f32]| are_factors(factors.iter().copied(), FACTOR_END);
         assert!(all(&[]) && all(&[0.0, 1.0, 1.999, f32::MIN_POSITIVE, 1e-45]) && all(&[0.5, -0.0]));
         for bad in [2.0, -1e-45, -1.0, f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(!all(&[bad]) && !all(&[0.5, bad, 0.25]), "{bad}");
@@ -252,9 +264,9 @@ mod tests {
             assert_eq!(are_columns(&columns, 30), holds, "{columns:?}");
             let bytes: Vec<u8> = columns.iter().flat_map(|column| column.to_le_bytes()).collect();
             let values: Vec<u8> = columns.iter().flat_map(|_| 0.5_f32.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, &values, 30), holds, "{columns:?}");
+            assert_eq!(is_plain_row(&bytes, &values, 30, FACTOR_END), holds, "{columns:?}");
             let values: Vec<u8> = columns.iter().flat_map(|_| f32::NAN.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, &values, 30), columns.is_empty());
+            assert_eq!(is_plain_row(&bytes, &values, 30, FACTOR_END), columns.is_empty());
         }
     }
 }
