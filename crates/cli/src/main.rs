@@ -33,6 +33,7 @@ mod log;
 mod materials;
 mod outputs;
 mod picture;
+mod portals;
 mod prepare;
 mod progress;
 mod report;

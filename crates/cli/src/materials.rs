@@ -197,7 +197,12 @@ mod tests {
         let again = made(&printed);
         assert_eq!(printed, file_of(&again, Path::new("x.hemicube")));
         assert_eq!(first.optics().expect("known"), again.optics().expect("known"));
-        for (ours, theirs) in first.thermal().expect("known").iter().zip(again.thermal().expect("known")) {
+        for (ours, theirs) in first
+            .thermal()
+            .expect("known")
+            .iter()
+            .zip(again.thermal().expect("known"))
+        {
             assert_eq!((ours.emissivity, ours.condition), (theirs.emissivity, theirs.condition));
         }
         assert!(printed.contains("[object.\"a \\\"b\\\"\"]") && printed.contains("[material.\"m\\u0007\"]"));

@@ -76,6 +76,7 @@ pub fn settings(correction: &Correction) -> RowSettings {
         min_factor: None,
         patches: hemicube::PatchKind::Triangle,
         elements: None,
+        portals: None,
     }
 }
 

@@ -4,6 +4,6 @@ pub mod balance;
 pub mod check;
 pub mod compare;
 pub mod exchange;
-pub mod surfaces;
 pub mod interchange;
+pub mod surfaces;
 pub mod zones;

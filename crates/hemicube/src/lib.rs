@@ -39,6 +39,7 @@ mod geometry;
 mod grouping;
 mod model;
 pub mod points;
+pub mod portal;
 pub mod reference;
 mod sampling;
 mod simd;

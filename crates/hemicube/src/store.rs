@@ -188,6 +188,27 @@ pub struct Part {
     pub rays: Vec<u32>,
     /// Effect of leaving out small form factors, where that was asked for.
     pub thinning: Option<PartThinning>,
+    /// What portals did with each row; empty without portals.
+    pub passages: Vec<Passage>,
+}
+
+/// What portals did with a row, as shares of what leaves its patch.
+///
+/// With mirrors and panes, form factors are of what *arrives*: closure is Σ F − passed + escaped + blocked + unselected
+/// = 1, where *unselected* holds what was cut off.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Passage {
+    /// Handed on by mirrors and panes after it had arrived there, Σ (ρs + τ) F; above 1 where it comes back often.
+    pub passed: f64,
+    /// Cut off after the last portal followed.
+    pub cut_off: f64,
+}
+
+impl Passage {
+    /// Returns whether both are shares.
+    pub(crate) fn is_valid(&self) -> bool {
+        self.passed >= 0.0 && self.passed.is_finite() && (0.0..=1.0 + 1e-9).contains(&self.cut_off)
+    }
 }
 
 impl PartialEq for Part {
@@ -205,6 +226,7 @@ impl PartialEq for Part {
             && bits(self) == bits(other)
             && self.rays == other.rays
             && self.thinning == other.thinning
+            && self.passages == other.passages
     }
 }
 

@@ -277,6 +277,7 @@ pub(crate) fn compute(
         )));
     }
     let job = Job {
+        portals: Arc::default(),
         accuracy: asked(tolerance, correction, resolution, samples)?,
         rotate: rotation,
         rows: choice,

@@ -427,7 +427,7 @@ impl Matrix {
     }
 
     /// Names of objects and of materials.
-    pub(crate) fn names(&self) -> [&[String]; 2] {
+    pub(crate) fn group_names(&self) -> [&[String]; 2] {
         match &self.source {
             Source::Memory(memory) => [&memory.header.objects, &memory.header.materials],
             Source::Store(store) => [&store.manifest().objects, &store.manifest().materials],

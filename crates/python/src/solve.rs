@@ -134,7 +134,11 @@ impl Solution {
     /// state of heat only.
     #[pyo3(signature = (matrix, by="object"))]
     fn by_surface(&self, matrix: &Bound<'_, Matrix>, by: &str) -> PyResult<HeatBySurface> {
-        let Some(temperature) = self.temperature.as_ref().filter(|_| self.solved.radiosity.columns() == 1) else {
+        let Some(temperature) = self
+            .temperature
+            .as_ref()
+            .filter(|_| self.solved.radiosity.columns() == 1)
+        else {
             return Err(errors::input(
                 "`by_surface` is of one state of heat, as `solve_heat` finds it with one temperature a patch",
             ));
@@ -486,7 +490,10 @@ where
         false => kelvin,
     };
     found.temperature = Some(kelvin.iter().zip(radiosity).map(settled).collect());
-    found.outside = problem.outside.filter(|_| columns == 1).map(|outside| outside.values().to_vec());
+    found.outside = problem
+        .outside
+        .filter(|_| columns == 1)
+        .map(|outside| outside.values().to_vec());
     Ok(found)
 }
 

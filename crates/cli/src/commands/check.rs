@@ -187,6 +187,16 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
             ),
         );
     }
+    if let (Some(mean), Some(largest)) = (found.cut_off, found.cut_off_max) {
+        list.add(
+            "cut off",
+            format!(
+                "{} of the view, on average, after the last portal; {} of a row at most",
+                percent(mean),
+                percent(largest)
+            ),
+        );
+    }
     list
 }
 
@@ -307,7 +317,7 @@ pub(super) fn groups(found: &CheckReport) -> Vec<Group> {
         Group::by(found, &files, "files", "checksums, patch table, totals"),
         Group::by(
             found,
-            &[Check::Weights, Check::Visible],
+            &[Check::Weights, Check::Visible, Check::Passed],
             "weights",
             "every row's weights are its hemicubes', exactly",
         ),

@@ -25,12 +25,14 @@ use hemicube::driver::job::{
 };
 use hemicube::driver::probe::share_left;
 use hemicube::driver::settings::RowSettings;
+use hemicube::portal::Portals;
 use hemicube::store::{Error as StoreError, Form, Manifest, Part, Shard, Store, Thinning};
 use hemicube::{Grouping, InputPatch, PatchKind};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -68,6 +70,9 @@ struct Report {
     escaped: f64,
     blocked: f64,
     unselected: f64,
+    /// Mean and largest share of a row cut off after the last portal, where there are portals.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cut_off: Option<[f64; 2]>,
     rows_mostly_blocked: u64,
     closure: f64,
     /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
@@ -186,6 +191,8 @@ struct Tally {
     escaped: f64,
     blocked: f64,
     unselected: f64,
+    /// Sum and largest.
+    cut_off: Option<[f64; 2]>,
 }
 
 impl Tally {
@@ -207,6 +214,7 @@ impl Tally {
             escaped: 0.0,
             blocked: 0.0,
             unselected: 0.0,
+            cut_off: None,
         }
     }
 
@@ -230,7 +238,13 @@ impl Tally {
             self.sum += sum;
             self.min = self.min.min(sum);
             self.max = self.max.max(sum);
-            self.closure = self.closure.max((sum + lost.iter().sum::<f64>() - 1.0).abs());
+            let passage = part.passages.get(row).copied();
+            if let Some(passage) = passage {
+                let [sum, largest] = self.cut_off.unwrap_or_default();
+                self.cut_off = Some([sum + passage.cut_off, largest.max(passage.cut_off)]);
+            }
+            let passed = passage.map_or(0.0, |passage| passage.passed);
+            self.closure = self.closure.max((sum - passed + lost.iter().sum::<f64>() - 1.0).abs());
             self.mostly_blocked += u64::from(lost[1] > 0.5);
             self.escaped += lost[0];
             self.blocked += lost[1];
@@ -282,6 +296,12 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
             });
             shard
         });
+    if arguments.verify.is_some() && arguments.portals.is_given() {
+        bail!(
+            "`--verify` measures rows by rays that go through no portal; leave it out with `--specular`, `--symmetry`, \
+             `--sector` and `--periodic`"
+        );
+    }
     let json = JsonReport::open(&arguments.report)?;
     let backend = arguments.render.open_backend(talk)?;
     check_place(directory)?;
@@ -420,13 +440,18 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let watch = Watch::new(status, cancel, talk);
     let stage = status.stage("load");
     let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.render.work())?;
+    let tolerance = arguments.render.tolerance.map(|tolerance| tolerance.0);
+    let hierarchy = arguments.render.engine.hierarchy();
+    let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
     drop(stage);
     prepared.tell(talk);
+    tell_portals(&portals, talk);
     let sessions = Sessions {
         rows: backend,
         calibration: arguments.render.open_backend(Talk::SILENT)?,
     };
-    let mut run = job(arguments, &prepared)?
+    let has_portals = !portals.is_empty();
+    let mut run = job(arguments, &prepared, portals)?
         .prepare(&prepared.scene, &prepared.model, sessions, &watch)
         .map_err(explain)?;
     tell_backend(&run, &prepared, talk);
@@ -458,7 +483,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     drop(guard);
 
     let shares = [tally.sum, tally.escaped, tally.blocked].map(|sum| tally.mean(sum));
-    let questions = if tally.rendered > 0 && enclosure::is_odd(prepared.scene.objects.len(), shares) {
+    let questions = if tally.rendered > 0 && !has_portals && enclosure::is_odd(prepared.scene.objects.len(), shares) {
         let [row_sum, _, blocked] = shares;
         enclosure::questions(&prepared, &objects, [row_sum, blocked], threads)
     } else {
@@ -513,7 +538,7 @@ fn verify_rows(
 }
 
 /// The job of the arguments.
-fn job(arguments: &Arguments, prepared: &Prepared) -> Result<Job> {
+fn job(arguments: &Arguments, prepared: &Prepared, portals: Portals) -> Result<Job> {
     let selection = &arguments.selection;
     Ok(Job {
         accuracy: arguments.render.accuracy(),
@@ -533,7 +558,19 @@ fn job(arguments: &Arguments, prepared: &Prepared) -> Result<Job> {
         forecasts: true,
         threads: arguments.render.thread_count(),
         batch: arguments.batch as usize,
+        portals: Arc::new(portals),
     })
+}
+
+/// Tells the images of the cell.
+fn tell_portals(portals: &Portals, talk: Talk) {
+    if let Some(images) = &portals.images {
+        let cells = counted(images.count().into(), "cell");
+        talk.say(&match images.repeats() {
+            Some(repeats) => format!("{cells}, the scene and its images: {repeats} repeats on either side of a period"),
+            None => format!("{cells}, the scene and its images"),
+        });
+    }
 }
 
 /// The rows asked for: all, a range of patches, or a sample of the emitting ones.
@@ -938,6 +975,7 @@ fn report_of(
         escaped: tally.mean(tally.escaped),
         blocked: tally.mean(tally.blocked),
         unselected: tally.mean(tally.unselected),
+        cut_off: tally.cut_off.map(|[sum, largest]| [tally.mean(sum), largest]),
         rows_mostly_blocked: tally.mostly_blocked,
         closure: tally.closure,
         expected_error: tally.expected_error(),
@@ -1091,6 +1129,16 @@ fn list_shares(report: &Report, list: &mut Listing) {
             format!("{} ends on patches that have no column", percent(report.unselected)),
         );
     }
+    if let Some([mean, largest]) = report.cut_off {
+        list.add(
+            "cut off",
+            format!(
+                "{} after the last portal followed, {} of a row at most",
+                percent(mean),
+                percent(largest)
+            ),
+        );
+    }
 }
 
 /// Corrected pairs, time and memory.
@@ -1153,16 +1201,15 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
                     String::new()
                 },
                 match report.slowest_row {
-                    Some(SlowestRow { patch, seconds }) if seconds > LONG_ROW =>
-                        format!(
-                            "; the slowest row, of {}patch {patch}, took {}",
-                            if report.settings.patches.is_triangle() {
-                                ""
-                            } else {
-                                "a triangle of "
-                            },
-                            duration(seconds)
-                        ),
+                    Some(SlowestRow { patch, seconds }) if seconds > LONG_ROW => format!(
+                        "; the slowest row, of {}patch {patch}, took {}",
+                        if report.settings.patches.is_triangle() {
+                            ""
+                        } else {
+                            "a triangle of "
+                        },
+                        duration(seconds)
+                    ),
                     _ => String::new(),
                 }
             ),

@@ -578,15 +578,13 @@ impl<'a> Task<'a> {
                         (solution, balance, None)
                     })
                 }
-                Kind::Heat(exchange) => exchange
-                    .solve(factors, self.options, &mut progress)
-                    .map(|found| {
-                        let of = (&found.problem, &found.solution);
-                        let balance = energy_balance(of.0, of.1, &self.table.area, self.row_table);
-                        record.by_surface = exchange.by_surface(self.table, self.row_table, &found);
-                        record.unsettled = exchange.unsettled(&found);
-                        (found.solution, balance, Some(found.temperature))
-                    }),
+                Kind::Heat(exchange) => exchange.solve(factors, self.options, &mut progress).map(|found| {
+                    let of = (&found.problem, &found.solution);
+                    let balance = energy_balance(of.0, of.1, &self.table.area, self.row_table);
+                    record.by_surface = exchange.by_surface(self.table, self.row_table, &found);
+                    record.unsettled = exchange.unsettled(&found);
+                    (found.solution, balance, Some(found.temperature))
+                }),
             };
             let (solution, balance, temperature) = match solved {
                 Ok(solved) => solved,

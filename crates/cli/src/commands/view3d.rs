@@ -249,7 +249,10 @@ fn work(arguments: &Arguments, log: &mut String, talk: Talk) -> Result<()> {
     }
     if controls.form != View3dForm::Sparse && rows.surfaces.len() > DENSE_MAX {
         return Err(hinted(
-            anyhow!("{} surfaces are more than the {DENSE_MAX} of a file of all pairs", rows.surfaces.len()),
+            anyhow!(
+                "{} surfaces are more than the {DENSE_MAX} of a file of all pairs",
+                rows.surfaces.len()
+            ),
             "a control line `C out=2` writes the pairs that see each other",
         ));
     }

@@ -106,17 +106,25 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
 }
 
 /// A triangle on a segment.
-#[derive(Clone, Copy)]
-struct Met {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Met {
     /// Place along the segment, 0 to 1.
-    place: f64,
-    id: u32,
-    corners: [DVec3; 3],
+    pub(crate) place: f64,
+    /// The side seen: a patch, or the tree's patch count for the back of a one-sided one.
+    pub(crate) id: u32,
+    /// Its block and lane, as in [`Tree::slot_of_patch`].
+    pub(crate) slot: u32,
+    pub(crate) corners: [DVec3; 3],
 }
 
-/// The id of the first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
-/// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
+/// The id of the first triangle on a segment; see [`nearest`].
 fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<u32> {
+    nearest(tree, start, end, horizon, pending).map(|met| met.id)
+}
+
+/// The first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
+/// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
+pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
     let mut first: Option<Met> = None;
@@ -137,9 +145,12 @@ fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &m
             } else {
                 &block.negative
             };
+            #[allow(clippy::cast_possible_truncation, reason = "a lane of 16")]
+            let slot = leaf * LANES as u32 + l as u32;
             let found = Met {
                 place: place.abs(),
                 id: ids[l],
+                slot,
                 corners: block.triangle(l),
             };
             let tie = found.tie(along, tree.plane_tolerance);
@@ -158,7 +169,7 @@ fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &m
             }
         }
     }
-    first.map(|met| met.id)
+    first
 }
 
 impl Met {

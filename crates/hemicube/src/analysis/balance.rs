@@ -177,6 +177,11 @@ pub fn balance(store: &Store, output: &Path, options: &BalanceOptions) -> Result
     if let Some(reason) = options.reason_against() {
         return Err(Error::refused(output, reason));
     }
+    if store.manifest().has_specular() {
+        let reason = "a balanced matrix of one with mirrors or panes: balancing does not know what they hand on; balance \
+                      one computed without `--specular`";
+        return Err(Error::refused(output, reason.to_owned()));
+    }
     require_another(store, output)?;
     require_whole(store)?;
     if options.is_symmetric() {

@@ -6,12 +6,13 @@
 //!              2⁻²⁴ for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
-//! diagonal     Fᵢᵢ = 0: a triangle does not see itself; up to 10⁻³ of a patch of several elements in one plane, any
-//!              where they lie in none
+//! diagonal     Fᵢᵢ = 0: a triangle does not see itself but through portals; up to 10⁻³ of a patch of several elements in
+//!              one plane, any where they lie in none
 //! shares       escaped, blocked, unselected from 0 to 1; of triangles in pixel mode, weight / (hemicubes · 2³¹)
 //! entries      some row has one
 //! escaped      of a row at most what the bound allows, if there is one
-//! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares
+//! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares; less what mirrors and panes hand on
+//! passed       Σⱼ (ρsⱼ + τⱼ) Fᵢⱼ, of the manifest's mirrors and panes, is what the row says that they handed on
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
@@ -22,11 +23,14 @@ pub mod verdict;
 
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
-use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, PatchTable, Result, RowShares, RowSums, Store};
+use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
 use verdict::{CLOSURE, Quality, Verdicts, WARNED};
+
+/// By how much what is handed on may be off what arrives: rounding of both.
+const PASSED: f64 = 1e-6;
 
 /// Bounds of a check.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,6 +89,8 @@ pub enum Check {
     Columns,
     /// No patch sees itself.
     Diagonal,
+    /// Mirrors and panes hand on their share of what arrives.
+    Passed,
     /// A row's form factors and shares sum to 1.
     Closure,
     /// No more of a row escapes than a bound allows.
@@ -199,6 +205,13 @@ pub struct CheckReport {
     pub blocked: f64,
     /// Average over the rendered rows of the share on patches without a column.
     pub unselected: f64,
+    /// Average over the rendered rows of the share cut off after the last portal, a part of `unselected`; `None`
+    /// without portals.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cut_off: Option<f64>,
+    /// Largest such share of a row.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cut_off_max: Option<f64>,
     /// Rows with any blocked share.
     pub blocked_rows: u64,
     /// Distance of the rows' sums from 1.
@@ -257,6 +270,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         tally.fail(Check::Complete, missing);
     }
     let table = tally.files(store.verify_patches().and_then(|()| store.patches()))?;
+    tally.handed_on = table.as_ref().and_then(|table| manifest.handed_on(table));
     let row_table = if manifest.complete {
         tally.files(store.row_table())?
     } else {
@@ -302,8 +316,10 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
                 table.hemicube_escaped[patch],
                 table.hemicube_blocked[patch],
                 table.hemicube_unselected[patch],
+                table.passed.get(patch).copied().unwrap_or(f64::NAN),
+                table.cut_off.get(patch).copied().unwrap_or(f64::NAN),
             ];
-            let expected = expected.unwrap_or([f64::NAN; 7]);
+            let expected = expected.unwrap_or([f64::NAN; 9]);
             // NaN marks absent rows, and equals itself here.
             let equal = found
                 .iter()
@@ -363,11 +379,13 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
 }
 
 /// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
-fn of_row(part: &Part, row: usize) -> [f64; 7] {
+fn of_row(part: &Part, row: usize) -> [f64; 9] {
     let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
     let [a, b, c] = part.shares[row].to_array();
     let [d, e, f] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]).to_array();
-    [sum, a, b, c, d, e, f]
+    let passage = part.passages.get(row);
+    let [g, h] = passage.map_or([f64::NAN; 2], |passage| [passage.passed, passage.cut_off]);
+    [sum, a, b, c, d, e, f, g, h]
 }
 
 /// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
@@ -380,6 +398,12 @@ struct Tally {
     flat: Option<Vec<bool>>,
     /// True for triangles with sums of pixels.
     is_pixel: bool,
+    has_portals: bool,
+    has_specular: bool,
+    /// ρs + τ of each patch.
+    handed_on: Option<Vec<f64>>,
+    /// Sum and largest of the shares cut off.
+    cut_off: [f64; 2],
     /// By how much of itself each form factor can be off its weight.
     rounding: f64,
     worst_count: usize,
@@ -404,6 +428,10 @@ impl Tally {
             patch_count: store.patch_count(),
             flat: None,
             is_pixel,
+            has_portals: store.manifest().has_portals(),
+            has_specular: store.manifest().has_specular(),
+            handed_on: None,
+            cut_off: [0.0; 2],
             rounding: {
                 let once = f64::powi(2.0, -24);
                 let shared = if store.manifest().min_factor > 0.0 { once } else { 0.0 };
@@ -462,8 +490,10 @@ impl Tally {
             self.entries += columns.len() as u64;
             self.entries_of_rows.push(columns.len() as u64);
             self.entries_of_row(patch, columns, factors);
+            let passage = part.passages.get(row).copied().unwrap_or_default();
+            self.passed_of_row(patch, columns, factors, passage);
             of_part = of_part.and_then(|sum| sum.plus(&part.sums[row]));
-            self.weights_of_row(patch, factors, &part.sums[row], part.shares[row], part.hemicubes[row]);
+            self.weights_of_row(part, row, passage);
         }
         let found = (part.data.len() as u64, of_part);
         if let Some(&(entries, sums)) = self.parts.get(place)
@@ -489,7 +519,7 @@ impl Tally {
             }
             before = column;
             // Also NaN.
-            if !(0.0..=1.0).contains(&factor) {
+            if !(0.0..=1.0).contains(&factor) && !(self.has_specular && factor >= 0.0 && factor.is_finite()) {
                 self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
             }
             if i64::from(column) == i64::from(patch) && factor > self.most_of_itself(patch) {
@@ -500,6 +530,9 @@ impl Tally {
 
     /// Most of itself that a patch may see.
     fn most_of_itself(&self, patch: u32) -> f32 {
+        if self.has_portals {
+            return f32::INFINITY;
+        }
         match self.flat.as_ref().map(|flat| flat.get(patch as usize)) {
             None => 0.0,
             Some(Some(true)) => FLAT,
@@ -507,7 +540,35 @@ impl Tally {
         }
     }
 
-    fn weights_of_row(&mut self, patch: u32, factors: &[f32], sums: &RowSums, shares: RowShares, hemicubes: u32) {
+    /// Holds what a row's mirrors and panes handed on against what arrives there.
+    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32], passage: Passage) {
+        if !self.has_portals {
+            return;
+        }
+        let [sum, largest] = &mut self.cut_off;
+        *sum += passage.cut_off;
+        *largest = largest.max(passage.cut_off);
+        let Some(handed_on) = &self.handed_on else { return };
+        let of = |column: i32| {
+            usize::try_from(column)
+                .ok()
+                .and_then(|column| handed_on.get(column))
+                .unwrap_or(&0.0)
+        };
+        let arrived = columns.iter().zip(factors);
+        let expected: f64 = arrived.map(|(&column, &factor)| of(column) * f64::from(factor)).sum();
+        if (expected - passage.passed).abs() > PASSED * (1.0 + expected) {
+            let passed = passage.passed;
+            self.fail(
+                Check::Passed,
+                format!("mirrors and panes hand on {expected} of the row of patch {patch}, and it says {passed}"),
+            );
+        }
+    }
+
+    fn weights_of_row(&mut self, part: &Part, row: usize, passage: Passage) {
+        let (patch, factors) = (part.rows[row], part.row(row).1);
+        let (sums, shares, hemicubes) = (&part.sums[row], part.shares[row], part.hemicubes[row]);
         let whole = u64::from(hemicubes) * HEMICUBE_WEIGHT;
         if sums.total() != Some(whole) {
             let total = sums.total();
@@ -521,10 +582,13 @@ impl Tally {
         }
         let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
         let whole = whole as f64;
-        let visible = sums.visible as f64 / whole;
+        // Form factors are of what arrives, weights of what stays.
+        let visible = sums.visible as f64 / whole + passage.passed;
         // Half a unit in the last place of each factor for every rounding; then the errors of f64 in the sum, and of
         // factors below f32's normal range.
-        let bound = visible * self.rounding + factors.len() as f64 * 1e-16;
+        let roundings = if self.has_portals { 4.0 } else { 1.0 };
+        let unit = if self.has_portals { 1e-8 } else { 0.0 };
+        let bound = visible * self.rounding * roundings + factors.len() as f64 * 1e-16 + unit;
         let is_off = (row_sum - visible).abs() > bound || row_sum.is_nan();
         if self.is_pixel && is_off {
             self.fail(
@@ -555,7 +619,7 @@ impl Tally {
                 ),
             );
         }
-        let error = (row_sum + lost.iter().sum::<f64>() - 1.0).abs();
+        let error = (row_sum - passage.passed + lost.iter().sum::<f64>() - 1.0).abs();
         // NaN is infinitely far off.
         let error = if error.is_nan() { f64::INFINITY } else { error };
         self.closure.rows += 1;
@@ -622,6 +686,8 @@ impl Tally {
             escaped_bound: self.escaped_bound,
             blocked: self.lost[1] / rendered,
             unselected: self.lost[2] / rendered,
+            cut_off: self.has_portals.then(|| self.cut_off[0] / rendered),
+            cut_off_max: self.has_portals.then_some(self.cut_off[1]),
             blocked_rows: self.blocked_rows,
             closure: Closure {
                 mean: self.closure_sum / rendered,

@@ -13,6 +13,7 @@ use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::driver::aggregate::{ColumnSums, OpenRow};
 use crate::driver::queue::{Queue, StopOnPanic};
+use crate::portal::extend::{Draft, Extender};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Form, Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
 use hemicube_scene::InputPatch;
@@ -489,6 +490,7 @@ struct Worker<'a> {
     rows: RowBlock,
     converter: Converter<'a>,
     columns: ColumnSums,
+    extender: Option<Extender<'a>>,
 }
 
 impl<'a> Worker<'a> {
@@ -499,6 +501,10 @@ impl<'a> Worker<'a> {
             rows: RowBlock::default(),
             converter: Converter::new(run.plan.correction, Some(&run.abandon)),
             columns: ColumnSums::default(),
+            extender: (!run.plan.portals.is_empty()).then(|| {
+                let (portals, correction) = (&run.plan.portals, run.plan.correction);
+                Extender::new(portals, run.model, correction, run.settings.resolution, &run.abandon)
+            }),
         }
     }
 
@@ -585,6 +591,7 @@ impl<'a> Worker<'a> {
             attempt,
         };
         let mut count = hemicubes.len();
+        let mut taken = None;
         let mut converted = self.converter.convert(rendered, receives, part);
         for (place, &per_edge) in attempts.iter().enumerate() {
             if !converted.is_odd {
@@ -610,9 +617,28 @@ impl<'a> Worker<'a> {
             let lost = converted.lost;
             converted = self.converter.convert(rendered, receives, part);
             count = more.len();
+            taken = Some(more);
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
             }
+        }
+        if let Some(extender) = &mut self.extender {
+            let draft = Draft {
+                emitter,
+                hemicubes: taken.as_deref().unwrap_or(hemicubes),
+                part: &mut *part,
+                start,
+                sums: &mut converted.sums,
+                shares: &mut converted.shares,
+                error: &mut converted.error,
+                rays: &mut converted.rays,
+            };
+            let session = self.session.as_mut();
+            let passage = extender.extend(draft, receives, session);
+            part.passages.push(passage.map_err(|source| ComputeError::Backend {
+                backend: backend_name(self.session.as_ref()),
+                source,
+            })?);
         }
         if let Some(groups) = &plan.groups {
             batch.pairs += part.data.len() as u64;
@@ -908,4 +934,5 @@ fn append(part: &mut Part, batch: Part) {
     part.hemicubes.extend(batch.hemicubes);
     part.errors.extend(batch.errors);
     part.rays.extend(batch.rays);
+    part.passages.extend(batch.passages);
 }

@@ -10,7 +10,6 @@
 //! Whoever opens a store decides between the steps: how many threads the memory allows, whether the disk has room.
 //! [`Job::rows`] and [`Job::store`] take all steps at once.
 
-use crate::{Grouping, Model, PatchKind};
 use crate::accuracy::correct::Correction;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{
@@ -22,7 +21,10 @@ use crate::driver::probe::Probe;
 use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::RowSettings;
 use crate::driver::storage_policy::StoragePolicy;
+use crate::portal::{Images, Portals};
 use crate::store::{Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter};
+use crate::{Grouping, Model, PatchKind};
+use hemicube_scene::InputPatch;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -70,6 +72,8 @@ pub struct Job {
     pub threads: usize,
     /// Hemicubes a call of the backend; 0: its preference.
     pub batch: usize,
+    /// Mirrors, panes, and images of the cell. With images, the model has them, too ([`Images::model`]).
+    pub portals: Arc<Portals>,
 }
 
 impl Default for Job {
@@ -92,6 +96,7 @@ impl Default for Job {
             forecasts: false,
             threads: 0,
             batch: 0,
+            portals: Arc::default(),
         }
     }
 }
@@ -206,6 +211,12 @@ pub enum JobError {
     /// A glob matches no patch.
     #[error(transparent)]
     NoMatch(#[from] NoMatch),
+    /// Portals that rows cannot go through as asked.
+    #[error("{reason}")]
+    Portals {
+        /// Why not.
+        reason: &'static str,
+    },
     /// No accuracy level keeps the tolerance, or calibration failed.
     #[error(transparent)]
     Level(#[from] LevelError),
@@ -310,15 +321,26 @@ impl Job {
             receivers: &self.receivers,
             occluders: &self.occluders,
         };
-        let selection = Selection::by_name(scene, model.patches(), names)?;
+        let patches = self
+            .portals
+            .images
+            .as_ref()
+            .map_or_else(|| model.patches(), Images::cell);
+        let selection = Selection::by_name(scene, patches, names)?;
+        self.check_portals(&selection)?;
+        let selection = self.with_images(selection, model);
         let tolerance = self.accuracy.tolerance();
-        let grouping = Grouping::new(scene, model.patches(), self.patches).map(Arc::new);
+        let grouping = Grouping::new(scene, patches, self.patches).map(Arc::new);
         if let Some(grouping) = &grouping {
             self.require_whole(&selection, grouping, scene, model)?;
         }
-        let patch_count = grouping.as_ref().map_or(model.patches().len(), |grouping| grouping.len());
+        let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
-        let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance);
+        let policy = if self.portals.specular.is_some() {
+            StoragePolicy::choose(Some(Form::Plain), Some(0.0), patch_count, tolerance)
+        } else {
+            StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance)
+        };
         let stage = InStage::begin(observer, Stage::Calibrate);
         let Sessions {
             rows: mut backend,
@@ -346,10 +368,18 @@ impl Job {
         drop(stage);
 
         let _stage = InStage::begin(observer, Stage::Build);
-        let plan = Plan::grouped(model, self.rows, selection, level.samples_per_edge, self.rotate, grouping)
-            .with_correction(level.correction)
-            .with_min_factor(policy.min_factor)
-            .with_form(policy.form);
+        let plan = Plan::grouped(
+            model,
+            self.rows,
+            selection,
+            level.samples_per_edge,
+            self.rotate,
+            grouping,
+        )
+        .with_correction(level.correction)
+        .with_min_factor(policy.min_factor)
+        .with_form(policy.form)
+        .with_portals(Arc::clone(&self.portals));
         if plan.rows.is_empty() {
             return Err(JobError::NoRows);
         }
@@ -389,6 +419,54 @@ impl Job {
         })
     }
 
+    /// Refuses what rows through portals do not have.
+    fn check_portals(&self, selection: &Selection) -> Result<(), JobError> {
+        let refused = |reason: &'static str| Err(JobError::Portals { reason });
+        let receives = |patch: u32| selection.receives(patch);
+        if !self.portals.is_empty() && self.patches != PatchKind::Triangle {
+            return refused(
+                "portals are followed from triangles: compute by `--patches triangle`, and add up with `export --by`",
+            );
+        }
+        let Some(specular) = &self.portals.specular else {
+            return Ok(());
+        };
+        if let Asked::Settings {
+            correction: Correction::Point,
+            ..
+        } = self.accuracy
+        {
+            return refused(
+                "mirrors and panes are not followed by the correction `point`; `pixel` and `area` follow them",
+            );
+        }
+        if self.form == Some(Form::Compact) || self.min_factor.is_some_and(|least| least > 0.0) {
+            return refused(
+                "with mirrors and panes, rows are of what arrives, which may be more than everything: such a matrix is \
+                 plain, and has its small entries",
+            );
+        }
+        if !specular.portals().all(receives) {
+            return refused("mirrors and panes need columns: what arrives there is a part of what they hand on");
+        }
+        Ok(())
+    }
+
+    /// The selection of a model with images: rows of the cell alone, columns of all images of a patch.
+    fn with_images(&self, selection: Selection, model: &Model) -> Selection {
+        let Some(images) = &self.portals.images else {
+            return selection;
+        };
+        let (count, cell) = (model.geometry().patch_count, images.cell().len());
+        let emits = |patch: u32| (patch as usize) < cell && selection.emits(InputPatch(patch));
+        // Curtains have columns until they are taken out as what was cut off.
+        let receives = |patch: u32| images.fold(patch).is_none_or(|patch| selection.receives(patch));
+        Selection {
+            emitters: Some((0..count).map(emits).collect()),
+            receivers: Some((0..count).map(receives).collect()),
+        }
+    }
+
     /// Settings of the rows, for the store's header and for reports.
     fn row_settings(&self, scene: &SceneInput, plan: &Plan, level: &Level) -> RowSettings {
         let given = &scene.settings;
@@ -412,6 +490,7 @@ impl Job {
             min_factor: (plan.min_factor > 0.0).then_some(plan.min_factor),
             patches: self.patches,
             elements: plan.groups.as_ref().map(|groups| groups.grouping.elements() as u64),
+            portals: (!self.portals.is_empty()).then(|| self.portals.record()),
         }
     }
 
@@ -550,7 +629,8 @@ impl<'m> Run<'m> {
             overwrite,
             shard,
         } = place;
-        let patches = self.model.patches();
+        let images = self.plan.portals.images.as_ref();
+        let patches = images.map_or_else(|| self.model.patches(), Images::cell);
         let header = self
             .settings
             .header(scene, patches, &scene.file, &self.plan, self.backend.info())?;

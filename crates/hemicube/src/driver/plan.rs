@@ -1,10 +1,11 @@
 //! Plans: the rows to compute, in the order of work, and the parts that they are written in.
 
-use crate::{Grouping, Model};
 use crate::accuracy::correct::Correction;
 use crate::accuracy::grain::Grain;
+use crate::portal::Portals;
 use crate::sampling::splitmix;
 use crate::store::Form;
+use crate::{Grouping, Model};
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 
@@ -18,7 +19,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    fn emits(&self, patch: InputPatch) -> bool {
+    pub(super) fn emits(&self, patch: InputPatch) -> bool {
         self.emitters.as_ref().is_none_or(|e| e[patch.0 as usize])
     }
 
@@ -86,6 +87,8 @@ pub struct Plan {
     pub min_factor: f64,
     /// The store's form, to which form factors are rounded.
     pub form: Form,
+    /// Mirrors, panes, and images of the cell.
+    pub portals: Arc<Portals>,
     /// The parts to compute, ascending; `None`: all. Parts do not depend on each other: leaving some out changes
     /// nothing in the others.
     pub parts: Option<Vec<u32>>,
@@ -198,6 +201,7 @@ impl Plan {
             correction: Correction::Pixel,
             min_factor: 0.0,
             form: Form::Plain,
+            portals: Arc::default(),
             parts: None,
         }
     }
@@ -244,6 +248,14 @@ impl Plan {
         self
     }
 
+    /// The plan with portals. Where they have images of a cell, rows and columns chosen are those of the model with
+    /// images.
+    #[must_use]
+    pub fn with_portals(mut self, portals: Arc<Portals>) -> Self {
+        self.portals = portals;
+        self
+    }
+
     /// n of the n² hemicubes of a patch: as planned, or more for a patch much larger than the surfaces on it. Pixel
     /// sums are the method as published, and keep to the plan.
     pub(super) fn per_edge(&self, model: &Model, patch: InputPatch) -> u32 {
@@ -262,7 +274,9 @@ impl Plan {
 
     /// Number of rows: of patches.
     pub fn row_count(&self) -> usize {
-        self.groups.as_ref().map_or(self.rows.len(), |groups| groups.patches.len())
+        self.groups
+            .as_ref()
+            .map_or(self.rows.len(), |groups| groups.patches.len())
     }
 
     /// Number of parts.

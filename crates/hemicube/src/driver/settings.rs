@@ -3,6 +3,7 @@
 use crate::PatchKind;
 use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
+use crate::portal::PortalRecord;
 use crate::store::{BackendEntry, Error, Header, SceneEntry, scene_hash};
 use hemicube_scene::{Axis, Patches, Scene, Subdivision};
 use serde::Serialize;
@@ -82,6 +83,9 @@ pub struct RowSettings {
     /// Number of elements, where patches are several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elements: Option<u64>,
+    /// Mirrors, panes, planes of symmetry, sectors, periods; absent without any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub portals: Option<PortalRecord>,
 }
 
 /// A [`Subdivision`] in a manifest.
@@ -165,7 +169,10 @@ impl RowSettings {
     ) -> Result<Header, Error> {
         let too_many = |what| Error::unsupported(file, format!("has more {what} than a matrix can have"));
         let name = file.file_name();
-        let patch_count = plan.groups.as_ref().map_or(patches.len(), |groups| groups.grouping.len());
+        let patch_count = plan
+            .groups
+            .as_ref()
+            .map_or(patches.len(), |groups| groups.grouping.len());
         Ok(Header {
             program: PROGRAM.to_owned(),
             scene: SceneEntry {

@@ -1,4 +1,4 @@
-//! Closure of rows: Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ = 1.
+//! Closure of rows: Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ = 1, and less what portals passed on of arrivals.
 
 use super::{Part, RowShares};
 
@@ -8,6 +8,10 @@ pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
     let shares = part.shares.get(row)?;
     if hemicubes == 0 {
         return None;
+    }
+    let passed = part.passages.get(row).map_or(0.0, |passage| passage.passed);
+    if passed > 0.0 {
+        return Some((1.0 + passed - shares.lost()).max(0.0));
     }
     if *shares != RowShares::of_hemicubes(sums, hemicubes) {
         return Some((1.0 - shares.lost()).max(0.0));

@@ -485,6 +485,46 @@ impl Manifest {
         Ok(manifest)
     }
 
+    /// Returns whether rows go through portals: mirrors, panes, planes of symmetry, sectors, periods. A row then says
+    /// what portals handed on and what was cut off.
+    pub fn has_portals(&self) -> bool {
+        self.settings.get("portals").is_some_and(|portals| !portals.is_null())
+    }
+
+    /// Returns whether mirrors or panes hand on what arrives at them, so that form factors are of arrivals
+    /// ([`Passage`](super::Passage)).
+    pub fn has_specular(&self) -> bool {
+        let specular = self.settings.get("portals").and_then(|portals| portals.get("specular"));
+        specular.is_some_and(|specular| !specular.is_null())
+    }
+
+    /// ρs + τ of each patch, by the names of the mirrors and panes; `None` without any.
+    ///
+    /// # Panics
+    /// When `patches` are of another store.
+    pub fn handed_on(&self, patches: &PatchTable) -> Option<Vec<f64>> {
+        let surfaces = self.settings.get("portals")?.get("specular")?.get("surfaces")?;
+        let of = |kind: &str, name: &str| {
+            let optics = surfaces.get(format!("{kind} {name}"))?;
+            Some(optics.get("specular")?.as_f64()? + optics.get("transmittance")?.as_f64()?)
+        };
+        let all = |kind: &str, names: &[String]| names.iter().map(|name| of(kind, name)).collect::<Vec<_>>();
+        let (objects, materials) = (all("object", &self.objects), all("material", &self.materials));
+        let get = |values: &[Option<f64>], index: u32| values.get(index as usize).copied().flatten();
+        let both = patches.object.iter().zip(&patches.material);
+        let of_patch = |(&object, &material): (&u32, &u32)| get(&objects, object).or_else(|| get(&materials, material));
+        Some(both.map(|both| of_patch(both).unwrap_or(0.0)).collect())
+    }
+
+    /// The end of form factors.
+    pub(super) fn factor_end(&self) -> f32 {
+        if self.has_specular() {
+            super::validate::PASSED_FACTOR_END
+        } else {
+            super::validate::FACTOR_END
+        }
+    }
+
     /// Returns whether parts and the patch table have refined shares.
     pub(crate) fn has_shares(&self) -> bool {
         self.version > 1

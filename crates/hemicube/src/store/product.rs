@@ -93,10 +93,10 @@ impl Store {
         if self.has_valid_entries(place) {
             return csr.visit(file, buffers, each);
         }
-        let patch_count = self.patch_count();
+        let (patch_count, end) = (self.patch_count(), self.manifest().factor_end());
         let visited = csr.visit(file, buffers, &mut |row, encoded| {
             let holds = match encoded {
-                EncodedRow::Plain { columns, values } => is_plain_row(columns, values, patch_count),
+                EncodedRow::Plain { columns, values } => is_plain_row(columns, values, patch_count, end),
                 // Runs ascend, codes are form factors, and `each` finds no number for a column beyond the last.
                 EncodedRow::Compact { .. } => true,
             };

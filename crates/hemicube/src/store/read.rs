@@ -10,7 +10,7 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, Form, Manifest, Part, PartThinning, PatchTable, Result, RowShares, RowSums, validate};
+use super::{Error, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -25,6 +25,10 @@ pub(super) const THINNING: &str = "thinning";
 
 /// The array of a part with the rows' refined shares.
 pub(super) const SHARES: &str = "shares";
+
+/// Arrays of a part, and of the patch table, with what portals handed on and what was cut off after them.
+pub(super) const PASSED: &str = "passed";
+pub(super) const CUT_OFF: &str = "cut_off";
 
 /// The array of a part, and of the patch table, with the id of its run.
 pub(super) const RUN: &str = "run";
@@ -75,6 +79,10 @@ pub struct RowTable {
     pub hemicube_blocked: Vec<f64>,
     /// Fraction on patches without a column.
     pub hemicube_unselected: Vec<f64>,
+    /// Share that portals handed on after it had arrived ([`Passage`](super::Passage)); empty without portals.
+    pub passed: Vec<f64>,
+    /// Share cut off after the last portal followed, a part of `unselected`; empty without portals.
+    pub cut_off: Vec<f64>,
 }
 
 impl RowTable {
@@ -90,7 +98,18 @@ impl RowTable {
             hemicube_escaped: unknown(),
             hemicube_blocked: unknown(),
             hemicube_unselected: unknown(),
+            passed: Vec::new(),
+            cut_off: Vec::new(),
         }
+    }
+
+    /// The table with columns for what portals did, if there are any.
+    pub(super) fn with_passages(mut self, has_portals: bool) -> Self {
+        if has_portals {
+            let count = self.row_sum.len();
+            (self.passed, self.cut_off) = (vec![f64::NAN; count], vec![f64::NAN; count]);
+        }
+        self
     }
 
     /// Adds the rows of a part, rounded as in a store of `form`.
@@ -106,6 +125,13 @@ impl RowTable {
             let seen = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]);
             (self.hemicube_escaped[patch], self.hemicube_blocked[patch]) = (seen.escaped, seen.blocked);
             self.hemicube_unselected[patch] = seen.unselected;
+            if let Some(passage) = part.passages.get(row) {
+                let count = self.row_sum.len();
+                for column in [&mut self.passed, &mut self.cut_off] {
+                    column.resize(count, f64::NAN);
+                }
+                (self.passed[patch], self.cut_off[patch]) = (passage.passed, passage.cut_off);
+            }
             let shares = part.shares[row];
             (self.escaped[patch], self.blocked[patch]) = (shares.escaped, shares.blocked);
             self.unselected[patch] = shares.unselected;
@@ -123,8 +149,10 @@ impl RowTable {
     /// nothing.
     pub fn returned_beside(&self, outside: &[f64]) -> Vec<f64> {
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
-        let rows = self.row_sum.iter().zip(outside);
-        rows.map(|(sum, &outside)| known(1.0 - sum - known(outside))).collect()
+        let rows = self.row_sum.iter().zip(outside).enumerate();
+        let passed = |patch: usize| self.passed.get(patch).map_or(0.0, |&passed| known(passed));
+        rows.map(|(patch, (sum, &outside))| known(1.0 - sum - known(outside) + passed(patch)))
+            .collect()
     }
 
     /// The shares of a patch's view that are no form factors; NaN where they are not known.
@@ -370,8 +398,7 @@ impl Store {
     /// [`Error::Malformed`] with the first violation.
     pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
         let rows = self.manifest.rows_of_part(part.index) as usize;
-        validate::part(part, rows, &self.manifest)
-            .map_err(|reason| Error::malformed(path, reason))?;
+        validate::part(part, rows, &self.manifest).map_err(|reason| Error::malformed(path, reason))?;
         self.claim(place, path, &part.rows)?;
         self.note(place, found::ENTRIES);
         Ok(())
@@ -511,7 +538,14 @@ impl Store {
         } else {
             ["escaped", "blocked", "unselected"]
         };
+        let [passed, cut_off] = if self.manifest.has_portals() {
+            [column(PASSED, f64::MAX)?, column(CUT_OFF, 1.0)?]
+        } else {
+            [Vec::new(), Vec::new()]
+        };
         let table = RowTable {
+            passed,
+            cut_off,
             hemicube_escaped: column(escaped, 1.0)?,
             hemicube_blocked: column(blocked, 1.0)?,
             hemicube_unselected: column(unselected, 1.0)?,
@@ -647,7 +681,9 @@ impl Store {
         let head = self.head(place)?;
         let file = self.file(place, &head.path)?;
         let (columns, data) = head.csr.row(&file, row.into())?;
-        if !validate::are_columns(&columns, self.manifest.patch_count) || !validate::are_factors(data.iter().copied()) {
+        if !validate::are_columns(&columns, self.manifest.patch_count)
+            || !validate::are_factors(data.iter().copied(), self.manifest.factor_end())
+        {
             let reason = format!(
                 "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it \
                  is damaged"
@@ -683,8 +719,13 @@ pub(super) fn read_patches(path: &Path, npz: &mut Npz, manifest: &Manifest) -> R
         centroid: triples(npz.shaped("centroid", &[count, 3])?),
         normal: triples(npz.shaped("normal", &[count, 3])?),
     };
-    validate::patches(&table, manifest.objects.len(), manifest.materials.len(), manifest.patch_kind())
-        .map_err(|reason| Error::malformed(path, reason))?;
+    validate::patches(
+        &table,
+        manifest.objects.len(),
+        manifest.materials.len(),
+        manifest.patch_kind(),
+    )
+    .map_err(|reason| Error::malformed(path, reason))?;
     Ok(table)
 }
 
@@ -752,6 +793,13 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
     } else {
         sums.iter().zip(&hemicubes).map(of_hemicubes).collect()
     };
+    let passages = if manifest.has_portals() {
+        let (passed, cut_off): (Vec<f64>, Vec<f64>) = (npz.shaped(PASSED, &[count])?, npz.shaped(CUT_OFF, &[count])?);
+        let both = passed.into_iter().zip(cut_off);
+        both.map(|(passed, cut_off)| Passage { passed, cut_off }).collect()
+    } else {
+        Vec::new()
+    };
     let (indices, data) = csr.rows(npz)?;
     Ok(Part {
         index,
@@ -765,6 +813,7 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
         errors,
         rays,
         thinning,
+        passages,
     })
 }
 

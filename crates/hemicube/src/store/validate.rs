@@ -9,8 +9,12 @@ use std::result::Result;
 /// touch stay far below the other 1.
 pub(super) const FACTOR_END: f32 = 2.0;
 
+/// Likewise where portals hand light on: what arrives at a mirror may have been there before. Beyond the most portals
+/// that a path goes through.
+pub(super) const PASSED_FACTOR_END: f32 = 65_536.0;
+
 /// Most hemicubes of an element's row: 4096 by `--samples`, and 16 times as many for an inconsistent row.
-const HEMICUBES_MAX: u32 = 1 << 16;
+pub(super) const HEMICUBES_MAX: u32 = 1 << 16;
 
 /// By how much the square of a unit normal may be off 1.
 const NORMAL_ERROR: f64 = 1e-6;
@@ -18,16 +22,16 @@ const NORMAL_ERROR: f64 = 1e-6;
 /// By how much fractions of one hemicube may sum to more than 1: rounding of three of them.
 const FRACTION_ERROR: f64 = 1e-9;
 
-/// Returns whether all are form factors: numbers from 0 to below [`FACTOR_END`].
-pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone) -> bool {
+/// Returns whether all are form factors: numbers from 0 to below `end`, [`FACTOR_END`] or [`PASSED_FACTOR_END`].
+pub(super) fn are_factors(factors: impl Iterator<Item = f32> + Clone, end: f32) -> bool {
     // The two highest bits are the sign and 2, set in infinities and NaN too. Without a branch this takes a tenth of
     // the time of two comparisons each.
     let bits = factors.clone().fold(0, |bits, factor| bits | factor.to_bits());
-    bits & 0xC000_0000 == 0 || factors.into_iter().all(is_factor)
+    bits & 0xC000_0000 == 0 || factors.into_iter().all(|factor| is_factor(factor, end))
 }
 
-fn is_factor(factor: f32) -> bool {
-    (0.0..FACTOR_END).contains(&factor)
+fn is_factor(factor: f32, end: f32) -> bool {
+    (0.0..end).contains(&factor)
 }
 
 /// Returns whether columns ascend, and are of a matrix of so many.
@@ -43,7 +47,7 @@ pub(super) fn are_columns(columns: &[i32], patch_count: u32) -> bool {
 }
 
 /// Likewise for the bytes of a plain row, with its form factors.
-pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> bool {
+pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32, end: f32) -> bool {
     let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
     let (Some(&first), Some(&last)) = (columns.first(), columns.last()) else {
         return true;
@@ -55,7 +59,7 @@ pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> b
     ascends
         && i32::from_le_bytes(first) >= 0
         && i32::from_le_bytes(last).cast_unsigned() < patch_count
-        && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)))
+        && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)), end)
 }
 
 /// Checks a part of `row_count` rows against everything that readers of `manifest`'s store rely on. Returns the sums
@@ -64,12 +68,16 @@ pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32) -> b
 /// # Errors
 /// The first violation, as a clause about the part.
 pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result<RowSums, String> {
-    let (patch_count, form) = (manifest.patch_count, manifest.form);
     let hemicubes_max = if manifest.patch_kind().is_triangle() {
         HEMICUBES_MAX
     } else {
         u32::MAX
     };
+    let (patch_count, form, end) = (manifest.patch_count, manifest.form, manifest.factor_end());
+    let passages = if manifest.has_portals() { row_count } else { 0 };
+    if part.passages.len() != passages {
+        return Err(format!("does not say of {passages} rows what portals did with them"));
+    }
     let lengths = [
         part.rows.len(),
         part.sums.len(),
@@ -106,8 +114,8 @@ pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result
                 "has columns in the row of patch {patch} that do not ascend, or leave the matrix"
             ));
         }
-        if !are_factors(factors.iter().copied()) {
-            let bad = factors.iter().copied().find(|&factor| !is_factor(factor));
+        if !are_factors(factors.iter().copied(), end) {
+            let bad = factors.iter().copied().find(|&factor| !is_factor(factor, end));
             return Err(format!(
                 "has the form factor {} in the row of patch {patch}",
                 bad.unwrap_or(f32::NAN)
@@ -142,6 +150,9 @@ pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result
         let error = part.errors[row];
         if !(error.is_nan() || error >= 0.0 && error.is_finite()) {
             return Err(format!("has the expected error {error} in the row of patch {patch}"));
+        }
+        if let Some(passage) = part.passages.get(row).filter(|passage| !passage.is_valid()) {
+            return Err(format!("has {passage:?} in the row of patch {patch}"));
         }
         total = total.plus(sums).ok_or("has weights that do not fit 64 bits")?;
     }
@@ -245,7 +256,7 @@ mod tests {
 
     #[test]
     fn factors_are_told_from_what_is_none() {
-        let all = |factors: &[f32]| are_factors(factors.iter().copied());
+        let all = |factors: &[f32]| are_factors(factors.iter().copied(), FACTOR_END);
         assert!(all(&[]) && all(&[0.0, 1.0, 1.999, f32::MIN_POSITIVE, 1e-45]) && all(&[0.5, -0.0]));
         for bad in [2.0, -1e-45, -1.0, f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(!all(&[bad]) && !all(&[0.5, bad, 0.25]), "{bad}");
@@ -266,9 +277,9 @@ mod tests {
             assert_eq!(are_columns(&columns, 30), holds, "{columns:?}");
             let bytes: Vec<u8> = columns.iter().flat_map(|column| column.to_le_bytes()).collect();
             let values: Vec<u8> = columns.iter().flat_map(|_| 0.5_f32.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, &values, 30), holds, "{columns:?}");
+            assert_eq!(is_plain_row(&bytes, &values, 30, FACTOR_END), holds, "{columns:?}");
             let values: Vec<u8> = columns.iter().flat_map(|_| f32::NAN.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, &values, 30), columns.is_empty());
+            assert_eq!(is_plain_row(&bytes, &values, 30, FACTOR_END), columns.is_empty());
         }
     }
 }

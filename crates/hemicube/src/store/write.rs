@@ -6,10 +6,10 @@ use super::lock::{Lock, Mode};
 use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
 use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
-use super::read::{RUN, SHARES, THINNING};
+use super::read::{CUT_OFF, PASSED, RUN, SHARES, THINNING};
 use super::{
-    Error, Form, Header, Manifest, Part, PartEntry, PartThinning, PatchTable, Result, RowSums, RowTable, Shard,
-    compact, validate,
+    Error, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums, RowTable,
+    Shard, compact, validate,
 };
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
@@ -65,11 +65,12 @@ impl StoreWriter {
     /// A writer that has written nothing yet.
     pub(super) fn new(directory: &Path, manifest: Manifest, shard: Option<Shard>, locks: Vec<Lock>) -> Self {
         let count = manifest.patch_count as usize;
+        let columns = RowTable::unknown(count).with_passages(manifest.has_portals());
         Self {
             directory: directory.to_owned(),
             run: manifest.run_id(),
             manifest,
-            columns: RowTable::unknown(count),
+            columns,
             written: vec![false; count],
             thinned: BTreeMap::new(),
             shard,
@@ -269,8 +270,7 @@ impl StoreWriter {
             return Err("it was written before".into());
         }
         let count = self.manifest.rows_of_part(part.index) as usize;
-        let total =
-            validate::part(part, count, &self.manifest).map_err(|reason| format!("it {reason}"))?;
+        let total = validate::part(part, count, &self.manifest).map_err(|reason| format!("it {reason}"))?;
         match part
             .rows
             .iter()
@@ -363,7 +363,12 @@ impl RowTable {
         }
         npz.array("hemicube_escaped", &[count], &self.hemicube_escaped)?;
         npz.array("hemicube_blocked", &[count], &self.hemicube_blocked)?;
-        npz.array("hemicube_unselected", &[count], &self.hemicube_unselected)
+        npz.array("hemicube_unselected", &[count], &self.hemicube_unselected)?;
+        if self.passed.is_empty() {
+            return Ok(());
+        }
+        npz.array(PASSED, &[count], &self.passed)?;
+        npz.array(CUT_OFF, &[count], &self.cut_off)
     }
 }
 
@@ -519,6 +524,11 @@ fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Resu
     if let Some(thinning) = &part.thinning {
         let numbers = thinning.numbers();
         npz.array(THINNING, &[numbers.len() as u64], &numbers)?;
+    }
+    if !part.passages.is_empty() {
+        let of = |share: fn(&Passage) -> f64| part.passages.iter().map(share).collect::<Vec<f64>>();
+        npz.array(PASSED, &[rows], &of(|passage| passage.passed))?;
+        npz.array(CUT_OFF, &[rows], &of(|passage| passage.cut_off))?;
     }
     npz.array(RUN, &[run.len() as u64], run)?;
     let mut bytes = npz.finish_unsealed()?.into_inner();

@@ -5,6 +5,7 @@ use crate::args::{
 };
 use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
+use crate::portals::PortalSettings;
 use crate::report::matrix_of;
 use clap::{Args, ValueEnum};
 use hemicube::PatchKind;
@@ -76,6 +77,8 @@ pub(crate) struct Arguments {
     pub(crate) kind: Kind,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
+    #[command(flatten)]
+    pub(crate) portals: PortalSettings,
     /// plain: f32, opens in SciPy; compact: a third to a quarter of that, F within 0.05 % of itself; auto: by size
     #[arg(
         long,
@@ -115,6 +118,7 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
+            .reads(&self.portals.specular)
             .makes(&self.output)
             .tells("--progress-file", &self.process.progress_file)
             .reports(&self.report)

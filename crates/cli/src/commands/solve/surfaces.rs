@@ -240,9 +240,10 @@ impl Results {
             self.by.name()
         );
         for surface in &self.surfaces {
-            let [mean, least, most] = surface
-                .temperature
-                .map_or_else(|| [const { String::new() }; 3], |values| values.map(|kelvin| kelvin.to_string()));
+            let [mean, least, most] = surface.temperature.map_or_else(
+                || [const { String::new() }; 3],
+                |values| values.map(|kelvin| kelvin.to_string()),
+            );
             text.push_str(&format!(
                 "{},{},{},{},{},{mean},{least},{most},{},{},{}\n",
                 field(&surface.name),
@@ -250,7 +251,9 @@ impl Results {
                 surface.area,
                 surface.heat,
                 surface.flux,
-                surface.mean_of_kelvin.map_or_else(String::new, |kelvin| kelvin.to_string()),
+                surface
+                    .mean_of_kelvin
+                    .map_or_else(String::new, |kelvin| kelvin.to_string()),
                 surface.radiosity,
                 surface.irradiance
             ));
@@ -337,7 +340,11 @@ fn field(text: &str) -> String {
 fn five(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 || !magnitude.is_finite() {
-        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
+        return if value == 0.0 {
+            "0".to_owned()
+        } else {
+            value.to_string()
+        };
     }
     #[allow(clippy::cast_possible_truncation, reason = "within ±308")]
     let exponent = magnitude.log10().floor() as i32;

@@ -45,7 +45,7 @@ impl Check {
             | Self::Range
             | Self::Columns
             | Self::Diagonal => Subject::Integrity,
-            Self::Weights | Self::Visible | Self::Reciprocity | Self::Sky => Subject::Conservation,
+            Self::Weights | Self::Visible | Self::Passed | Self::Reciprocity | Self::Sky => Subject::Conservation,
             Self::Closure | Self::Escaped | Self::Entries => Subject::Quality,
         }
     }

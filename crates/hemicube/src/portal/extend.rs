@@ -1,0 +1,605 @@
+//! Rows through portals: a finished row of F becomes one of F^s.
+//!
+//! - *pixel*: the rays of the pixels that see a portal go on from where they meet it, each with its pixel's weight, in
+//!   whole numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
+//! - *area*, *tolerance*: F of what is seen directly stays. Rays from all over the patch find what is seen through
+//!   portals; then the largest of these pairs are measured by segments and closed forms ([`super::pairs`]), so many that
+//!   what rays alone know keeps its share of the tolerance. Two mirrors that commute, as those of a duct, make one pair
+//!   with one closed form, whatever the order in which they are met.
+//!
+//! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁶ of a tolerance. Paths are cut off
+//! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
+
+use super::gather::{Column, Found, Gather, Ledger, apportion};
+use super::motion::{MotionId, Motions, OTHER};
+use super::pairs::Through;
+use super::trace::{Ends, MetAt, Ray, Tracer};
+use super::{Images, Portals};
+use crate::Model;
+use crate::accuracy::correct::Correction;
+use crate::accuracy::ray_shares;
+use crate::accuracy::row::Emitter;
+use crate::backend::{BackendError, Hemicube, HemicubeBackend, WHOLE};
+use crate::bvh::{LANES, Tree};
+use crate::delta::DeltaTable;
+use crate::face::Face;
+use crate::factor::{FactorRule, exchange};
+use crate::geometry::{self, Plane};
+use crate::sampling::sobol::{BATCH, Sequence, fold};
+use crate::sampling::splitmix;
+use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowShares, RowSums};
+use glam::DVec3;
+use hemicube_scene::InputPatch;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The weight of a ray.
+const RAY: u64 = 1 << 40;
+/// Parts of a pixel's unit of weight.
+const FINE: u64 = 1 << 10;
+/// Rays that a row begins with. A choice.
+const RAYS: usize = 1 << 13;
+/// Rays of a row with a tolerance at most.
+const RAYS_MAX: usize = 1 << 20;
+/// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
+/// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light.
+const HITS: [f64; 2] = [4.0, 8.0];
+/// Legs of a row, without and with a tolerance.
+const LEGS: [u64; 2] = [1 << 22, 1 << 26];
+/// Pairs of a row measured by segments, without and with a tolerance. Choices.
+const PAIRS: [usize; 2] = [128, 1024];
+/// Segments of a pair at least, and at most without and with a tolerance. Choices.
+const SEGMENTS: (usize, [usize; 2]) = (64, [256, 1 << 16]);
+/// Pairs looked at for one that is measured. A choice.
+const LOOKS: usize = 4;
+/// By how much at most what rays know is scaled to the row's sum. A choice.
+const SCALE_MAX: f64 = 1.5;
+/// Part of a tolerance for what comes through portals. A choice.
+const PART: f64 = 0.5;
+
+/// A row as the driver finished it, to be extended.
+pub(crate) struct Draft<'r> {
+    pub(crate) emitter: InputPatch,
+    pub(crate) hemicubes: &'r [Hemicube],
+    pub(crate) part: &'r mut Part,
+    /// The row's first entry in the part.
+    pub(crate) start: usize,
+    pub(crate) sums: &'r mut RowSums,
+    pub(crate) shares: &'r mut RowShares,
+    pub(crate) error: &'r mut f32,
+    pub(crate) rays: &'r mut u64,
+}
+
+/// What came through portals, as shares of what leaves the patch.
+#[derive(Debug, Default)]
+struct Brought {
+    /// Columns, by patch of the model.
+    factors: Vec<(u32, f64)>,
+    /// Escaped, blocked, unselected, cut off.
+    lost: [f64; 4],
+    passed: f64,
+    squared_error: f64,
+}
+
+/// Extends rows, one after the other; one a thread.
+#[derive(Debug)]
+pub(crate) struct Extender<'a> {
+    portals: &'a Portals,
+    model: &'a Model,
+    correction: Correction,
+    cancel: &'a AtomicBool,
+    table: Option<DeltaTable>,
+    tracer: Tracer,
+    motions: Motions,
+    ledger: Ledger,
+    row: Vec<(u32, f64)>,
+}
+
+impl<'a> Extender<'a> {
+    /// `resolution` is that of the hemicubes.
+    pub(crate) fn new(
+        portals: &'a Portals,
+        model: &'a Model,
+        correction: Correction,
+        resolution: u32,
+        cancel: &'a AtomicBool,
+    ) -> Self {
+        let count = model.geometry().patch_count;
+        let specular = portals.specular.as_ref();
+        let optics = specular.map_or_else(Vec::new, |specular| specular.by_patch(portals.images.as_ref(), count));
+        Self {
+            portals,
+            model,
+            correction,
+            cancel,
+            table: (specular.is_some() && correction == Correction::Pixel).then(|| DeltaTable::new(resolution)),
+            tracer: Tracer::new(Tree::of(model.geometry()), optics),
+            motions: Motions::default(),
+            ledger: Ledger::default(),
+            row: Vec::new(),
+        }
+    }
+
+    /// Extends a row. `receives` tells the patches with a column.
+    ///
+    /// # Errors
+    /// When the backend hands out no item buffers, where pixels are followed.
+    pub(crate) fn extend(
+        &mut self,
+        mut draft: Draft<'_>,
+        receives: impl Fn(u32) -> bool,
+        session: &mut dyn HemicubeBackend,
+    ) -> Result<Passage, BackendError> {
+        let images = self.portals.images.as_ref();
+        let mut passage = Passage::default();
+        self.row.clear();
+        let entries = draft.part.indices[draft.start..]
+            .iter()
+            .zip(&draft.part.data[draft.start..]);
+        self.row
+            .extend(entries.map(|(&patch, &factor)| (patch.cast_unsigned(), f64::from(factor))));
+        if images.is_some_and(Images::has_curtains) {
+            passage.cut_off = self.cut_off(&mut draft);
+        }
+        let sent = self.sent();
+        if sent > 0.0 {
+            let column = |patch: u32| match images {
+                Some(images) if images.fold(patch).is_none() => Column::CutOff,
+                _ if receives(patch) => Column::Of,
+                _ => Column::None,
+            };
+            let brought = if self.correction == Correction::Pixel {
+                self.by_pixels(draft.hemicubes, column, session)?
+            } else {
+                self.by_rays(draft.emitter, sent, column)
+            };
+            *draft.rays += std::mem::take(&mut self.tracer.legs);
+            self.enter(&mut draft, &brought, &mut passage);
+            self.row.extend(brought.factors);
+        }
+        self.write(draft.part, draft.start);
+        Ok(passage)
+    }
+
+    /// Takes the columns of curtains out of the row. Returns their sum, which is *unselected* from now on.
+    fn cut_off(&mut self, draft: &mut Draft<'_>) -> f64 {
+        let Some(images) = &self.portals.images else { return 0.0 };
+        let mut sum = 0.0;
+        self.row.retain(|&(patch, factor)| {
+            let is_kept = images.fold(patch).is_some();
+            sum += if is_kept { 0.0 } else { factor };
+            is_kept
+        });
+        let count = draft.hemicubes.len().max(1) as u64;
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of the whole"
+        )]
+        let weight = (sum * (count * HEMICUBE_WEIGHT) as f64).round() as u64;
+        let weight = weight.min(draft.sums.visible);
+        draft.sums.visible -= weight;
+        draft.sums.unselected += weight;
+        if self.correction == Correction::Pixel {
+            *draft.shares = RowShares::of_hemicubes(draft.sums, u32::try_from(count).unwrap_or(u32::MAX));
+        } else {
+            draft.shares.unselected += sum;
+        }
+        sum
+    }
+
+    /// What the row's patches hand on of what reaches them directly.
+    fn sent(&self) -> f64 {
+        let passed = |patch: u32| {
+            self.tracer
+                .optics
+                .get(patch as usize)
+                .map_or(0.0, super::Optics::passed)
+        };
+        self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
+    }
+
+    /// Follows the rays of the pixels that see a portal.
+    fn by_pixels(
+        &mut self,
+        hemicubes: &[Hemicube],
+        column: impl Fn(u32) -> Column,
+        session: &mut dyn HemicubeBackend,
+    ) -> Result<Brought, BackendError> {
+        let Self {
+            table: Some(table),
+            tracer,
+            motions,
+            ledger,
+            portals,
+            ..
+        } = self
+        else {
+            return Ok(Brought::default());
+        };
+        let bound = portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
+        tracer.legs_max = LEGS[0] * hemicubes.len().max(1) as u64;
+        motions.begin();
+        ledger.clear();
+        let mut gather = Gather { ledger, column };
+        for hemicube in hemicubes {
+            let items = session.items(hemicube)?;
+            let resolution = items.resolution;
+            let step = 2.0 / f64::from(resolution);
+            let mut seen = items.seen.iter();
+            for face in Face::ALL {
+                let (places, signs) = face.axes();
+                let [u, v, w]: [DVec3; 3] = std::array::from_fn(|k| hemicube.axes[places[k]] * signs[k]);
+                for y in 0..face.rows(resolution) {
+                    for x in 0..resolution {
+                        let Some(&patch) = seen.next() else { continue };
+                        let is_portal = |patch: u32| tracer.optics.get(patch as usize).is_some_and(|o| o.is_portal());
+                        if !is_portal(patch) {
+                            continue;
+                        }
+                        let up = if face.is_top() { 1.0 } else { 0.0 };
+                        let (a, b) = ((f64::from(x) + 0.5) * step - 1.0, (f64::from(y) + 0.5) * step - up);
+                        let Some(towards) = (w + u * a + v * b).try_normalize() else {
+                            continue;
+                        };
+                        let weight = u64::from(table.weight(face, x, y)) * FINE;
+                        let ray = Ray {
+                            from: hemicube.origin,
+                            towards,
+                            horizon: Plane {
+                                normal: hemicube.axes[2],
+                                offset: hemicube.axes[2].dot(hemicube.origin),
+                            },
+                            weight,
+                            passes: 0,
+                            motion: OTHER,
+                            length: 0.0,
+                        };
+                        if let Some(met) = at_plane(tracer, &ray, patch) {
+                            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
+                            let least = (weight as f64 * bound) as u64;
+                            tracer.meet(&ray, &met, least, motions, &mut gather);
+                            let ends = Ends {
+                                reach: f64::INFINITY,
+                                least,
+                            };
+                            tracer.follow_rest(ends, motions, &mut gather);
+                        }
+                    }
+                }
+            }
+        }
+        let ledger = gather.ledger;
+        let whole = (u64::from(WHOLE) * FINE) as f64 * hemicubes.len().max(1) as f64;
+        let passed: u64 = ledger.entries.values().map(|found| found.passed).sum();
+        Ok(Brought {
+            factors: ledger
+                .sorted()
+                .iter()
+                .map(|&((_, patch), found)| (patch, found.weight as f64 / whole))
+                .collect(),
+            lost: [ledger.escaped, ledger.blocked, ledger.unselected, ledger.cut_off].map(|lost| lost as f64 / whole),
+            passed: (ledger.sent + passed) as f64 / whole,
+            squared_error: 0.0,
+        })
+    }
+
+    /// Casts rays from all over the patch, and measures what they find most of.
+    fn by_rays(&mut self, emitter: InputPatch, sent: f64, column: impl Fn(u32) -> Column) -> Brought {
+        let emitter = &Emitter::new(self.model, emitter);
+        let (tolerance, rule) = match self.correction {
+            Correction::Tolerance(refinement) => (Some(refinement.tolerance), refinement.rule),
+            Correction::Area(rule) => (None, rule),
+            Correction::Pixel | Correction::Point => (None, FactorRule::for_tolerance(1e-2)),
+        };
+        let level = usize::from(tolerance.is_some());
+        self.tracer.legs_max = LEGS[level];
+        let mut casts = Casts::new(emitter);
+        self.motions.begin();
+        self.ledger.clear();
+        let permitted = loop {
+            let until = (2 * casts.count).max(RAYS);
+            self.cast(&mut casts, until, &column);
+            let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
+            let seen = self.ledger.entries.values();
+            let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
+            let permitted = tolerance.map(|tolerance| (PART * tolerance).powi(2) * (factors + through));
+            let is_over = self.tracer.legs >= self.tracer.legs_max || self.cancel.load(Ordering::Relaxed);
+            let enough = permitted.is_none_or(|permitted| casts.rest(&self.ledger.sorted()) <= permitted / 2.0);
+            if enough || is_over || casts.count >= RAYS_MAX {
+                break permitted;
+            }
+        };
+        // What is handed on first is known from closed forms: rays only divide it.
+        let scale = if self.ledger.sent > 0 {
+            sent / casts.share(self.ledger.sent)
+        } else {
+            1.0
+        };
+        let Ledger {
+            escaped,
+            blocked,
+            unselected,
+            cut_off,
+            ..
+        } = self.ledger;
+        let mut lost = [escaped, blocked, unselected, cut_off].map(|lost| casts.share(lost) * scale);
+        if self.ledger.sent == 0 {
+            // No ray found a portal that the row sees.
+            lost[3] += sent;
+        }
+        let known = self.measure(&casts, level, permitted, rule, scale);
+        balanced(sent, &known, lost)
+    }
+
+    /// What arrives at each patch under each motion: by segments and closed forms where that is worth it, by rays
+    /// otherwise.
+    fn measure(
+        &mut self,
+        casts: &Casts<'_>,
+        level: usize,
+        permitted: Option<f64>,
+        rule: FactorRule,
+        scale: f64,
+    ) -> Vec<Known> {
+        let entries = self.ledger.sorted();
+        let pairs = entries
+            .iter()
+            .filter(|(_, found)| f64::from(found.hits) >= HITS[level])
+            .count();
+        let each = permitted.map_or(0.0, |permitted| {
+            (0.5 * permitted / pairs.clamp(1, PAIRS[level]) as f64).sqrt()
+        });
+        let emitter = casts.emitter;
+        let mut measured = 0;
+        let mut known = Vec::with_capacity(entries.len());
+        for (place, ((motion, patch), found)) in entries.into_iter().enumerate() {
+            let mut entry = Known {
+                patch,
+                factor: casts.share(found.weight) * scale,
+                handed_on: found.passed as f64 / found.weight.max(1) as f64,
+                variance: casts.variance(&found),
+                is_by_rays: true,
+            };
+            let is_left = measured < PAIRS[level] && place < LOOKS * PAIRS[level];
+            if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
+                let own = self.motions.get(motion).inverse().triangle(emitter.corners);
+                let whole = exchange(&own, &self.model.normalised_corners(patch), &rule) / emitter.area;
+                if whole * casts.count as f64 >= HITS[level] {
+                    measured += 1;
+                    let through = Through {
+                        emitter,
+                        motion,
+                        patch,
+                        least: SEGMENTS.0,
+                        most: SEGMENTS.1[level],
+                        bound: self.bound(),
+                    };
+                    let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);
+                    // Segments to a patch all but touched say less than rays.
+                    if let Some(share) = share.filter(|share| (whole * share.error).powi(2) <= entry.variance) {
+                        entry.factor = whole * share.share;
+                        entry.handed_on = share.passed;
+                        entry.variance = (whole * share.error).powi(2);
+                        entry.is_by_rays = false;
+                    }
+                }
+            }
+            known.push(entry);
+        }
+        known
+    }
+
+    /// The weight, of that of a ray, at which paths end.
+    fn bound(&self) -> u64 {
+        let bound = self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
+        let bound = (RAY as f64 * bound) as u64;
+        bound
+    }
+
+    /// Casts rays up to a number.
+    fn cast(&mut self, casts: &mut Casts<'_>, until: usize, column: impl Fn(u32) -> Column) {
+        let ends = Ends {
+            reach: f64::INFINITY,
+            least: self.bound(),
+        };
+        let [a, b, c] = casts.emitter.corners;
+        let mut gather = Gather {
+            ledger: &mut self.ledger,
+            column,
+        };
+        while casts.count < until {
+            if self.cancel.load(Ordering::Relaxed) {
+                // Nobody wants the row: its weights need not say anything.
+                casts.count = until;
+                return;
+            }
+            let u = casts.sequence.points(casts.count);
+            for l in 0..BATCH {
+                let (s, t) = fold(u[0][l], u[1][l]);
+                let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
+                let radius = u[2][l].sqrt();
+                let flat = (casts.across[0] * cos + casts.across[1] * sin) * radius;
+                let ray = Ray {
+                    from: a + (b - a) * s + (c - a) * t,
+                    towards: flat + casts.horizon.normal * (1.0 - u[2][l]).sqrt(),
+                    horizon: casts.horizon,
+                    weight: RAY,
+                    passes: 0,
+                    motion: 0,
+                    length: 0.0,
+                };
+                self.tracer.follow(ray, ends, &mut self.motions, &mut gather);
+            }
+            casts.count += BATCH;
+        }
+    }
+
+    /// Enters what portals brought into the row's weights, shares and error.
+    fn enter(&self, draft: &mut Draft<'_>, brought: &Brought, passage: &mut Passage) {
+        let whole = draft.hemicubes.len().max(1) as u64 * HEMICUBE_WEIGHT;
+        let sent = self.sent();
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of the whole"
+        )]
+        let sent_weight = if self.correction == Correction::Pixel {
+            self.ledger.sent / FINE
+        } else {
+            (sent * whole as f64).round() as u64
+        };
+        let sent_weight = sent_weight.min(draft.sums.visible);
+        let [kept, escaped, blocked, unselected, cut_off] = apportion(sent_weight, self.ledger.ends());
+        let sums = &mut *draft.sums;
+        sums.visible = sums.visible - sent_weight + kept;
+        sums.escaped += escaped;
+        sums.blocked += blocked;
+        sums.unselected += unselected + cut_off;
+        let [by_sky, by_backs, by_others, cut] = brought.lost;
+        passage.passed = brought.passed;
+        passage.cut_off += cut;
+        if self.correction == Correction::Pixel {
+            let count = u32::try_from(draft.hemicubes.len()).unwrap_or(u32::MAX);
+            *draft.shares = RowShares::of_hemicubes(sums, count);
+            return;
+        }
+        draft.shares.escaped += by_sky;
+        draft.shares.blocked += by_backs;
+        draft.shares.unselected += by_others + cut;
+        if !draft.error.is_nan() {
+            let squared = f64::from(*draft.error).powi(2) + brought.squared_error;
+            #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+            let error = squared.sqrt() as f32;
+            *draft.error = error;
+        }
+    }
+
+    /// Writes the row with the columns of images added into the cell's.
+    fn write(&mut self, part: &mut Part, start: usize) {
+        if let Some(images) = &self.portals.images {
+            self.row.retain_mut(|(patch, _)| {
+                let folded = images.fold(*patch);
+                *patch = folded.unwrap_or(*patch);
+                folded.is_some()
+            });
+        }
+        // Stable: sums of equal columns are in the order of images and motions.
+        self.row.sort_by_key(|&(patch, _)| patch);
+        part.indices.truncate(start);
+        part.data.truncate(start);
+        for group in self.row.chunk_by(|a, b| a.0 == b.0) {
+            #[allow(clippy::cast_possible_truncation, reason = "rounding to the store's f32 is wanted")]
+            let factor = group.iter().map(|&(_, factor)| factor).sum::<f64>() as f32;
+            if factor > 0.0 {
+                part.indices.push(group[0].0.cast_signed());
+                part.data.push(factor);
+            }
+        }
+    }
+}
+
+/// Rays of one emitter.
+struct Casts<'e> {
+    emitter: &'e Emitter<'e>,
+    horizon: Plane,
+    across: [DVec3; 2],
+    sequence: Sequence,
+    count: usize,
+}
+
+impl<'e> Casts<'e> {
+    fn new(emitter: &'e Emitter<'e>) -> Self {
+        let normal = geometry::cross(&emitter.corners).normalize_or(DVec3::Z);
+        let (x, y) = normal.any_orthonormal_pair();
+        Self {
+            emitter,
+            horizon: Plane {
+                normal,
+                offset: normal.dot(emitter.corners[0]),
+            },
+            across: [x, y],
+            // Others than those for the row's non-visible shares.
+            sequence: Sequence::new(splitmix::hash(u64::from(emitter.patch.0) + (1 << 32))),
+            count: 0,
+        }
+    }
+
+    /// A weight as a share of all rays'.
+    fn share(&self, weight: u64) -> f64 {
+        weight as f64 / (self.count as f64 * RAY as f64)
+    }
+
+    /// The variance of a pair known by rays: of hits of the same weight.
+    fn variance(&self, found: &Found) -> f64 {
+        let hits = f64::from(found.hits);
+        let each = self.share(found.weight) / hits.max(1.0) * self.count as f64;
+        let share = hits / self.count as f64;
+        (each * ray_shares::error(share * (1.0 - share).max(0.0), self.count)).powi(2)
+    }
+
+    /// The variance of all pairs that segments do not measure.
+    fn rest(&self, entries: &[((MotionId, u32), Found)]) -> f64 {
+        let rest = entries
+            .iter()
+            .enumerate()
+            .filter(|(place, (_, found))| *place >= PAIRS[1] || f64::from(found.hits) < HITS[1]);
+        rest.map(|(_, (_, found))| self.variance(found)).sum()
+    }
+}
+
+/// What arrives at a patch under a motion.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    patch: u32,
+    factor: f64,
+    /// The part of it handed on.
+    handed_on: f64,
+    variance: f64,
+    is_by_rays: bool,
+}
+
+/// Brings what is known by rays to what was sent through portals: what patches keep, what is lost and what is cut off
+/// sum to it.
+fn balanced(sent: f64, known: &[Known], mut lost: [f64; 4]) -> Brought {
+    let kept = |is_by_rays: bool| -> f64 {
+        let of = known.iter().filter(|entry| entry.is_by_rays == is_by_rays);
+        of.map(|entry| entry.factor * (1.0 - entry.handed_on)).sum()
+    };
+    let uncertain = kept(true) + lost[..3].iter().sum::<f64>();
+    let scale = if uncertain > 0.0 {
+        ((sent - kept(false) - lost[3]) / uncertain).clamp(1.0 / SCALE_MAX, SCALE_MAX)
+    } else {
+        1.0
+    };
+    lost[..3].iter_mut().for_each(|lost| *lost *= scale);
+    let mut brought = Brought {
+        lost,
+        passed: sent,
+        ..Brought::default()
+    };
+    for entry in known {
+        let factor = entry.factor * if entry.is_by_rays { scale } else { 1.0 };
+        brought.passed += factor * entry.handed_on;
+        brought.squared_error += entry.variance;
+        brought.factors.push((entry.patch, factor));
+    }
+    brought
+}
+
+/// The surface of a patch, met by a ray known to see it. A pixel's centre may be off the triangle by rounding.
+fn at_plane(tracer: &Tracer, ray: &Ray, patch: u32) -> Option<MetAt> {
+    let slot = *tracer.tree.slot_of_patch.get(patch as usize)?;
+    let (block, lane) = (slot as usize / LANES, slot as usize % LANES);
+    let block = tracer.tree.blocks.get(block)?;
+    let corners = block.triangle(lane);
+    let normal = geometry::cross(&corners);
+    let across = normal.dot(ray.towards);
+    let distance = normal.dot(corners[0] - ray.from) / across;
+    (distance.is_finite() && distance > 0.0).then_some(MetAt {
+        id: patch,
+        slot,
+        corners,
+        distance,
+    })
+}

@@ -1,0 +1,208 @@
+//! Rays through portals.
+
+use super::motion::{MotionId, Motions, OTHER};
+use super::specular::Optics;
+use crate::accuracy::ray_shares::nearest;
+use crate::bvh::Tree;
+use crate::geometry::Plane;
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Length of a leg: longer than any way through the scene, which fits a cube of side 2.
+const FAR: f64 = 4.0;
+
+/// Most portals of a path.
+pub(super) const PASSES_MAX: u32 = 10_000;
+
+/// A ray on its way, with the weight that is left of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ray {
+    pub(super) from: DVec3,
+    /// Of length 1.
+    pub(super) towards: DVec3,
+    /// The plane that it leaves, looking where it goes: nothing in or below it is met.
+    pub(super) horizon: Plane,
+    pub(super) weight: u64,
+    /// Portals that it went through.
+    pub(super) passes: u32,
+    /// From where what it meets lies to where it seems to lie, seen from the path's beginning.
+    pub(super) motion: MotionId,
+    /// Length of the path so far.
+    pub(super) length: f64,
+}
+
+/// A ray at the side of a patch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Arrival {
+    /// `None`: the back of a one-sided patch.
+    pub(super) patch: Option<u32>,
+    pub(super) at: DVec3,
+    /// Length of the path.
+    pub(super) length: f64,
+    /// What is handed on of the weight.
+    pub(super) passed: u64,
+}
+
+/// A surface that a ray meets.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MetAt {
+    /// The side seen: a patch, or the tree's patch count for the back of a one-sided one.
+    pub(super) id: u32,
+    /// Its block and lane.
+    pub(super) slot: u32,
+    pub(super) corners: [DVec3; 3],
+    /// From the ray's beginning.
+    pub(super) distance: f64,
+}
+
+/// Where paths end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ends {
+    /// Length.
+    pub(super) reach: f64,
+    /// Weight.
+    pub(super) least: u64,
+}
+
+/// Where a path's weight goes.
+pub(super) trait Tally {
+    /// It arrives at a surface; some of it is handed on.
+    fn arrive(&mut self, ray: &Ray, arrival: &Arrival);
+    /// It leaves the scene.
+    fn escape(&mut self, ray: &Ray);
+    /// It is not followed further.
+    fn cut(&mut self, ray: &Ray, weight: u64);
+}
+
+/// Follows paths; one a thread.
+#[derive(Debug)]
+pub(super) struct Tracer {
+    pub(super) tree: Arc<Tree>,
+    /// By patch of the model.
+    pub(super) optics: Vec<Optics>,
+    /// Legs traced, and their bound: beyond it every path is cut off at its next portal.
+    pub(super) legs: u64,
+    pub(super) legs_max: u64,
+    pending: Vec<u32>,
+    rays: Vec<Ray>,
+}
+
+impl Tracer {
+    pub(super) fn new(tree: Arc<Tree>, optics: Vec<Optics>) -> Self {
+        Self {
+            tree,
+            optics,
+            legs: 0,
+            legs_max: u64::MAX,
+            pending: Vec::new(),
+            rays: Vec::new(),
+        }
+    }
+
+    /// Follows a path and all its branches. A branch ends at `reach` of length, at `least` of weight, and after
+    /// [`PASSES_MAX`] portals.
+    pub(super) fn follow(&mut self, first: Ray, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
+        self.rays.clear();
+        self.rays.push(first);
+        self.follow_rest(ends, motions, tally);
+    }
+
+    /// Follows what [`Self::meet`] left to be followed.
+    pub(super) fn follow_rest(&mut self, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
+        while let Some(ray) = self.rays.pop() {
+            let leg = (ends.reach - ray.length).min(FAR);
+            if leg <= 0.0 {
+                continue;
+            }
+            self.legs += 1;
+            let end = ray.from + ray.towards * leg;
+            match nearest(&self.tree, ray.from, end, &ray.horizon, &mut self.pending) {
+                None => tally.escape(&ray),
+                Some(met) => {
+                    let met = MetAt {
+                        id: met.id,
+                        slot: met.slot,
+                        corners: met.corners,
+                        distance: met.place * leg,
+                    };
+                    self.meet(&ray, &met, ends.least, motions, tally);
+                }
+            }
+        }
+    }
+
+    /// Goes on with a ray at the surface known to be its first.
+    pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, least: u64, motions: &mut Motions, tally: &mut impl Tally) {
+        let at = ray.from + ray.towards * met.distance;
+        // The back of a one-sided patch hands on nothing.
+        let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
+        let reflected = share(ray.weight, optics.specular);
+        let through = share(ray.weight, optics.transmittance).min(ray.weight - reflected);
+        let arrival = Arrival {
+            patch: (met.id < self.tree.patch_count).then_some(met.id),
+            at,
+            length: ray.length + met.distance,
+            passed: reflected + through,
+        };
+        tally.arrive(ray, &arrival);
+        if arrival.passed == 0 {
+            return;
+        }
+        let Some(normal) = crate::geometry::cross(&met.corners).try_normalize() else {
+            tally.cut(ray, arrival.passed);
+            return;
+        };
+        // Towards the side that the ray comes from.
+        let normal = if normal.dot(ray.towards) > 0.0 { -normal } else { normal };
+        let offset = normal.dot(met.corners[0]);
+        let is_over = ray.passes >= PASSES_MAX || self.legs >= self.legs_max;
+        for (weight, is_mirror) in [(reflected, true), (through, false)] {
+            if weight == 0 {
+                continue;
+            }
+            let on = Ray {
+                from: at,
+                towards: if is_mirror {
+                    (ray.towards - 2.0 * normal.dot(ray.towards) * normal).normalize()
+                } else {
+                    ray.towards
+                },
+                horizon: if is_mirror {
+                    Plane { normal, offset }
+                } else {
+                    Plane {
+                        normal: -normal,
+                        offset: -offset,
+                    }
+                },
+                weight,
+                passes: ray.passes + 1,
+                motion: match ray.motion {
+                    OTHER => OTHER,
+                    motion if is_mirror => motions.reflected(motion, met.slot, normal, offset),
+                    motion => motion,
+                },
+                length: arrival.length,
+            };
+            if is_over || weight <= least {
+                tally.cut(&on, weight);
+            } else {
+                self.rays.push(on);
+            }
+        }
+    }
+}
+
+/// A share of a weight, rounded down; all of it for 1.
+fn share(weight: u64, of: f64) -> u64 {
+    if of >= 1.0 {
+        return weight;
+    }
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 ≤ share ≤ weight ≤ 2⁴⁸"
+    )]
+    let share = (weight as f64 * of) as u64;
+    share.min(weight)
+}
