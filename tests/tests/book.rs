@@ -204,6 +204,7 @@ macro_rules! page_tests {
 page_tests! {
     readme: "README.md",
     tour: "docs/tour.md",
+    walks: "docs/walks.md",
     wrong_scenes: "docs/wrong-scenes.md",
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
