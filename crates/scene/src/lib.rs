@@ -1,5 +1,6 @@
 //! Scenes for form-factor computation: triangles in f64 with the names of their objects and materials and their sides,
-//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON, EnergyPlus, gbXML and meshes, repaired by documented rules, and cut into patches.
+//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON, EnergyPlus, gbXML and meshes, repaired by documented rules,
+//! and cut into patches.
 //!
 //! ```
 //! use hemicube_scene::{Patches, Subdivision, generate};
@@ -11,7 +12,7 @@
 
 #[cfg(feature = "_readers")]
 mod bounds;
-#[cfg(feature = "_meshes")]
+#[cfg(any(feature = "gmsh", feature = "vtk"))]
 mod cursor;
 mod error;
 #[cfg(feature = "_polygons")]

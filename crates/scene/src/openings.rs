@@ -1,9 +1,9 @@
-//! Openings in surfaces: windows, doors and subsurfaces lie in the plane of their wall and are cut out of it, so that no
-//! two faces coincide.
+//! Openings in surfaces: windows, doors and subsurfaces lie in the plane of their wall and are cut out of it, so that
+//! no two faces coincide.
 //!
 //! A wall with openings inside it is cut into triangles with holes, which share the openings' corners to the bit. Where
-//! openings touch the wall's edge or each other, reach over it or overlap, the areas do not add up; the wall is then cut
-//! into convex pieces beyond the lines of the openings' edges.
+//! openings touch the wall's edge or each other, reach over it or overlap, the areas do not add up; the wall is then
+//! cut into convex pieces beyond the lines of the openings' edges.
 
 #[cfg(feature = "_buildings")]
 use crate::bounds::Bounds;

@@ -11,6 +11,13 @@
 //! coordinates exact, and points on a line stay on it. Everything is relative to the first corner, so that coordinates
 //! in the millions cost no digits, and in units of a power of two near the extent.
 
+#[cfg(any(
+    feature = "obj",
+    feature = "stl",
+    feature = "ply",
+    feature = "cityjson",
+    feature = "_meshes"
+))]
 use crate::Triangle;
 use crate::repair::{Shape, half_difference, power_of_two, relative};
 use earcut::Earcut;
@@ -108,6 +115,13 @@ pub(crate) fn triangulate_with_holes(corners: &[DVec3], holes: &[usize], out: &m
 }
 
 /// Indices of a face's object and material, and its own.
+#[cfg(any(
+    feature = "obj",
+    feature = "stl",
+    feature = "ply",
+    feature = "cityjson",
+    feature = "_meshes"
+))]
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Labels {
     pub(crate) object: u32,
@@ -116,6 +130,13 @@ pub(crate) struct Labels {
 }
 
 /// Appends the triangles of a face to a scene's.
+#[cfg(any(
+    feature = "obj",
+    feature = "stl",
+    feature = "ply",
+    feature = "cityjson",
+    feature = "_meshes"
+))]
 pub(crate) fn push_triangles(corners: &[DVec3], cut: &[[u32; 3]], labels: Labels, out: &mut Vec<Triangle>) {
     out.extend(cut.iter().map(|triangle| Triangle {
         corners: triangle.map(|i| corners.get(i as usize).copied().unwrap_or(DVec3::NAN)),

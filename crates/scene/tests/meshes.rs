@@ -614,7 +614,6 @@ fn large_files_take_no_more_than_ten_times_their_size() {
         MOST.store(before, Ordering::Relaxed);
         let scene = read(text.as_bytes(), None, ReadOptions::default()).unwrap();
         let taken = MOST.load(Ordering::Relaxed) - before;
-        println!("{name}: {:.1}", taken as f64 / text.len() as f64);
         assert_eq!(scene.triangles.len(), 149 * 149 * 2, "{name}");
         assert!(taken <= 10 * text.len(), "{name}: {taken} bytes of {}", text.len());
     }

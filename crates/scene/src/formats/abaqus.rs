@@ -44,7 +44,8 @@ use std::path::Path;
 /// ```
 /// use hemicube_scene::{ReadOptions, abaqus};
 ///
-/// let text = b"*NODE\n1, 0, 0, 0\n2, 4, 0, 0\n3, 4, 3, 0\n4, 0, 3, 0\n*ELEMENT, TYPE=S4, ELSET=floor\n1, 1, 2, 3, 4\n";
+/// let text = b"*NODE\n1, 0, 0, 0\n2, 4, 0, 0\n3, 4, 3, 0\n4, 0, 3, 0\n\
+///     *ELEMENT, TYPE=S4, ELSET=floor\n1, 1, 2, 3, 4\n";
 /// let scene = abaqus::read(text, None, ReadOptions::default())?;
 /// assert_eq!((scene.triangles.len(), &*scene.objects[0]), (2, "floor"));
 /// assert!(scene.triangles.iter().all(|triangle| triangle.face == 0));
