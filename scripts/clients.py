@@ -6,13 +6,13 @@ Two cavities of black walls, in which one temperature is free and has a closed f
     closed     2 × 1 × 1: floor (x to 2, y to 1) 1000 K, wall x = 0 300 K, the other four walls one body without heat:
                T⁴ (F_r1 + F_r2) = F_r1 T1⁴ + F_r2 T2⁴, A_r F_r1 = A_1 (1 − F_12), A_r F_r2 = A_2 − A_1 F_12;
                F_12 of perpendicular rectangles with a common edge (Siegel & Howell 2002, configuration C-14)
-    occluded   1 × 1 × 1 with a square from 0 to 1/2 at half height: floor 1000 K, walls and square 300 K, the lid one body
-               without heat: T⁴ = F T1⁴ + (1 − F) T3⁴, F = 0.1498686717738 from lid to floor past the square (exact by
+    occluded   1 × 1 × 1 with a square from 0 to 1/2 at half height: floor 1000 K, walls and square 300 K, the lid one
+               body without heat: T⁴ = F T1⁴ + (1 − F) T3⁴, F = 0.1498686717738 from lid to floor past the square (exact by
                integration)
 
-CalculiX solves for the free temperature. OpenFOAM is given it, and tells the net heat of the body: T is then corrected by
-what the heat says, T⁴ + q / σ over the black body's escape, so that both are temperatures. Time is processor time, memory
-the largest resident set of a process, of all programs on the way from the mesh to the result.
+CalculiX solves for the free temperature. OpenFOAM is given it and tells the net heat q of the body, which is 0 with exact
+form factors; its temperature is then the one at which the body would be in balance, T⁴ + q / (σ A_r (F_r1 + F_r2)). Time is
+processor time, memory the largest resident set of a process, of all programs on the way from the mesh to the result.
 """
 
 import json
@@ -56,17 +56,20 @@ def run(command, folder, measures, name, **more):
         _, status, usage = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
     if child.returncode != 0:
-        sys.exit(f"error: {command[0]} ended with {child.returncode}:\n{(Path(folder) / f'log.{name}').read_text()[-3000:]}")
+        log = (Path(folder) / f"log.{name}").read_text(errors="replace")
+        sys.exit(f"error: {command[0]} ended with {child.returncode}:\n{log[-3000:]}")
     measures["seconds"] = measures.get("seconds", 0.0) + usage.ru_utime + usage.ru_stime
     measures["megabytes"] = max(measures.get("megabytes", 0.0), usage.ru_maxrss / 1024)
 
 
 def factors(program, folder, export, measures, tolerance="0.1%"):
     """hemicube's way from `faces.obj` to a solver's file."""
-    one = {"HEMICUBE_NO_PROGRESS": "1"}
-    run([program, "compute", "faces.obj", "-o", "F", "--overwrite", "--tolerance", tolerance], folder, measures, "compute", **one)
-    run([program, "balance", "F", "-o", "B", "--closure", "--overwrite"], folder, measures, "balance", **one)
-    run([program, "export", "B", "--overwrite", *export], folder, measures, "export", **one)
+    for command in (
+        ["compute", "faces.obj", "-o", "F", "--tolerance", tolerance],
+        ["balance", "F", "-o", "B", "--closure"],
+        ["export", "B", *export],
+    ):
+        run([program, *command, "--overwrite"], folder, measures, command[0], HEMICUBE_NO_PROGRESS="1")
 
 
 def walls(size, cells):
@@ -148,9 +151,7 @@ def calculix_deck(path, faces, view_factors):
 
 def calculix_temperature(path):
     """The last temperature of the free body's nodes, which is one."""
-    values = [float(line.split()[1]) for line in Path(path).read_text().splitlines() if re.match(r"\s*\d+\s+[-+.\dE]+\s*$", line)]
-    last = values[-1]
-    return last
+    return float(re.findall(r"^\s*\d+\s+([-+.\dE]+)\s*$", Path(path).read_text(), re.M)[-1])
 
 
 def exact(case):
@@ -251,7 +252,8 @@ OPAQUE = (
     "{ type multiBandAbsorption; absorptivity (1); emissivity (1); } }\n"
 )
 # The patches of a block's sides, by the side's name, as `walls` has them.
-SIDES = {"x0": "(0 4 7 3)", "x1": "(1 2 6 5)", "y0": "(0 1 5 4)", "y1": "(3 7 6 2)", "z0": "(0 3 2 1)", "z1": "(4 5 6 7)"}
+SIDES = dict(zip(("x0", "x1", "y0", "y1"), ("(0 4 7 3)", "(1 2 6 5)", "(0 1 5 4)", "(3 7 6 2)")))
+SIDES |= {"z0": "(0 3 2 1)", "z1": "(4 5 6 7)"}
 
 
 def foam_file(folder, name, body, kind="dictionary"):
@@ -275,7 +277,8 @@ def foam_case(folder, case, cells, free):
     for side, corners in SIDES.items():
         patches.setdefault(bodies.get(side, other), []).append(corners)
     blocks = f"convertToMeters 1;\nvertices ((0 0 0)({x} 0 0)({x} 1 0)(0 1 0)(0 0 1)({x} 0 1)({x} 1 1)(0 1 1));\n"
-    blocks += f"blocks (hex (0 1 2 3 4 5 6 7) ({x * cells} {cells} {cells}) simpleGrading (1 1 1));\nedges ();\nboundary (\n"
+    blocks += f"blocks (hex (0 1 2 3 4 5 6 7) ({x * cells} {cells} {cells}) simpleGrading (1 1 1));\n"
+    blocks += "edges ();\nboundary (\n"
     group = "type wall; inGroups (viewFactorWall);"
     blocks += "".join(f"{name} {{ {group} faces ({''.join(faces)}); }}\n" for name, faces in patches.items()) + ");\n"
     foam_file(folder, "system/blockMeshDict", blocks)
@@ -312,7 +315,8 @@ def foam_case(folder, case, cells, free):
                "type greyDiffusiveRadiationViewFactor; qro uniform 0; value uniform 0;")
     foam_field(folder, "U", "volVectorField", "0 1 -1 0 0 0 0", "(0 0 0)", {}, "type noSlip;")
     foam_field(folder, "p", "volScalarField", "1 -1 -2 0 0 0 0", 1e5, {}, "type calculated; value uniform 1e5;")
-    foam_field(folder, "p_rgh", "volScalarField", "1 -1 -2 0 0 0 0", 1e5, {}, "type fixedFluxPressure; value uniform 1e5;")
+    foam_field(folder, "p_rgh", "volScalarField", "1 -1 -2 0 0 0 0", 1e5, {},
+               "type fixedFluxPressure; value uniform 1e5;")
 
 
 def foam_heat(folder, patches, cells):

@@ -1,8 +1,8 @@
 """The radiating faces of an OpenFOAM case as a scene: `foam_faces.py CASE FACES.obj`.
 
 Faces of all patches, in the order of `constant/polyMesh/boundary`, turned to the fluid; an object a patch. Writes
-`constant/finalAgglom` with each face as a cluster of its own, so that rows of `hemicube export --for openfoam` are these
-faces. All patches must be in the group `viewFactorWall`. Meshes are read in ASCII.
+`constant/finalAgglom` with each face as a cluster of its own, so that rows of `hemicube export --for openfoam` are
+these faces. All patches must be in the group `viewFactorWall`. Meshes are read in ASCII.
 """
 
 import re

@@ -25,8 +25,8 @@ fn room() -> String {
             let _ = writeln!(text, "v {x} {y} {z}");
         }
     }
-    text + "o floor\nf 2 3 4 5\no hearth\nf 1 2 5 6\no ceiling\nf 7 12 11 8\nf 8 11 10 9\no south\nf 1 7 8 2\nf 2 8 9 3\n\
-            o east\nf 3 9 10 4\no north\nf 5 11 12 6\nf 4 10 11 5\no west\nf 6 12 7 1\n"
+    text + "o floor\nf 2 3 4 5\no hearth\nf 1 2 5 6\no ceiling\nf 7 12 11 8\nf 8 11 10 9\no south\nf 1 7 8 2\n\
+            f 2 8 9 3\no east\nf 3 9 10 4\no north\nf 5 11 12 6\nf 4 10 11 5\no west\nf 6 12 7 1\n"
 }
 
 /// The names of [`room`]'s surfaces.

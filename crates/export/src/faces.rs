@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Row and column of no face: an occluder's.
 const ABSENT: u32 = u32::MAX;
 
-/// What becomes one row and one column of a solver's matrix.
+/// Rows and columns of a solver's matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Grouping {
@@ -43,7 +43,7 @@ impl Grouping {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sums {
-    /// As they are.
+    /// Any.
     Free,
     /// Σ_j F_ij ≤ 1; the solver takes the rest for its surroundings.
     AtMostOne,
@@ -51,7 +51,7 @@ pub enum Sums {
     One,
 }
 
-/// What a solver needs of a matrix.
+/// Requirements of a solver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Needs {
     /// Its faces, unless the caller says otherwise.
@@ -62,7 +62,7 @@ pub struct Needs {
     pub reciprocal: bool,
 }
 
-/// What a matrix has of what a solver needs.
+/// Sums, reciprocity and entries of a matrix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Found {
     /// Least and greatest row sum.
@@ -358,8 +358,8 @@ impl<'a> Faces<'a> {
         if lost > SUM_ERROR {
             return self.unfit(
                 format!(
-                    "{named} sums to {sum:.6}: {:.4} of what leaves it escapes and {:.4} ends on backs, and rows must sum \
-                     to 1",
+                    "{named} sums to {sum:.6}: {:.4} of what leaves it escapes and {:.4} ends on backs, and rows \
+                     must sum to 1",
                     face.escaped, face.blocked
                 ),
                 "close the scene: `hemicube inspect` names its holes and surfaces that face outwards",

@@ -259,7 +259,7 @@ impl SolverFormat {
         Self::ALL.iter().copied().find(|format| format.label() == name)
     }
 
-    /// What the solver needs of a matrix.
+    /// The solver's requirements of a matrix.
     ///
     /// # Errors
     /// [`Error::NotBuilt`] if its writer is not compiled in.

@@ -30,15 +30,16 @@ use std::path::{Path, PathBuf};
 /// Options of [`export_for`].
 #[derive(Clone, Copy, Debug)]
 pub struct SolverOptions<'a> {
-    /// What becomes a row; `None`: as the solver counts ([`SolverFormat::needs`]).
+    /// Rows; `None`: as the solver counts ([`SolverFormat::needs`]).
     pub grouping: Option<Grouping>,
-    /// Names of all rows in the solver's order: numbers of faces or patches from 0, or names; `None`: the scene's order.
+    /// Names of all rows in the solver's order: numbers of faces or patches from 0, or names; `None`: the scene's
+    /// order.
     pub order: Option<&'a [String]>,
     /// Name of the enclosure, for EnergyPlus.
     pub zone: Option<&'a str>,
     /// Version of the solver, where its files tell it.
     pub version: Option<&'a str>,
-    /// How to write.
+    /// Overwriting, and cancelling.
     pub write: WriteOptions<'a>,
 }
 
@@ -59,14 +60,14 @@ pub struct SolverReport {
     pub format: SolverFormat,
     /// Its files.
     pub files: Vec<Written>,
-    /// What is a row.
+    /// Rows' kind.
     pub grouping: Grouping,
     /// Rows.
     pub rows: u64,
     /// Entries, sums and reciprocity.
     #[serde(flatten)]
     pub found: Found,
-    /// What to type or set in the solver.
+    /// The words to type, or the setting to make, in the solver.
     pub next: String,
 }
 
@@ -83,11 +84,11 @@ pub(crate) trait SolverWriter: Sync {
     /// Writes all files, which stand in the order of `paths`.
     fn write(&self, job: &SolverJob<'_>, files: &mut [Cancellable<'_>]) -> Result<()>;
 
-    /// What to type or set in the solver.
+    /// The words to type, or the setting to make, in the solver.
     fn next(&self, faces: &Faces<'_>, found: &Found, paths: &[PathBuf]) -> String;
 }
 
-/// What a writer writes.
+/// Work of a writer.
 pub(crate) struct SolverJob<'a> {
     pub(crate) faces: &'a Faces<'a>,
     pub(crate) found: &'a Found,

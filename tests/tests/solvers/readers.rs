@@ -1,5 +1,11 @@
 //! Readers of the solvers' files, as small as they can be, by what the solvers' own readers take.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "numbers of rows and columns are small and whole"
+)]
+
 use serde_json::Value;
 
 /// A matrix by rows.

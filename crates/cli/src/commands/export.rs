@@ -89,8 +89,8 @@ pub(crate) struct Arguments {
     /// Accept a matrix of which parts are missing; their rows become empty
     #[arg(long)]
     allow_incomplete: bool,
-    /// Write the matrix as a solver reads it, or say what it lacks for that and the next step. Rows are the faces of the
-    /// scene's file in its order; for petsc patches, for view3d and energyplus objects
+    /// Write the matrix as a solver reads it, or say what it lacks for that and the next step. Rows are the faces of
+    /// the scene's file in its order; for petsc patches, for view3d and energyplus objects
     #[arg(long = "for", value_name = "PROGRAM", value_parser = solver::names(), conflicts_with_all = NOT_FOR_SOLVERS,
         help_heading = "Solvers")]
     program: Option<String>,

@@ -1,12 +1,13 @@
 //! `hemicube view3d IN.vs3 OUT.vf`: in the place of View3D, with its arguments, control lines, files and exit status.
 //!
 //! Read: View3D 4.0.0, `src/v3main.c` (arguments, order of the adjustments, what is reported), `src/getdat.c` (control
-//! words and their bounds, limits of emittances), `src/viewpp.c` (combined surfaces, normalisation, interchange factors),
-//! `src/misc.c` (errors end it with status 1, and are in `View3D.log`), and its manual.
+//! words and their bounds, limits of emittances), `src/viewpp.c` (combined surfaces, normalisation, interchange
+//! factors), `src/misc.c` (errors end it with status 1, and are in `View3D.log`), and its manual.
 //!
 //! Rows are surfaces: those of kind `S`, without those that are combined with another. In place of an integration that
 //! ends by `eps` there is a tolerance of 10 `eps`, relative over the matrix: 0.1 % unless a line says otherwise. On
-//! View3D's own examples that leaves 10⁻⁸, and View3D's `eps=1e-4` up to 1.4·10⁻⁴ (of the L-shaped room's hidden pairs).
+//! View3D's own examples that leaves 10⁻⁸, and View3D's `eps=1e-4` up to 1.4·10⁻⁴ (of the L-shaped room's hidden
+//! pairs).
 
 mod adjust;
 
@@ -69,7 +70,8 @@ impl Arguments {
     }
 }
 
-/// What a command line of a program called `view3d` stands for; `None` where that needs its usage. Others are as they are.
+/// What a command line of a program called `view3d` stands for; `None` where that needs its usage. Others are as they
+/// are.
 pub(crate) fn arguments_of(words: Vec<OsString>) -> Option<Vec<OsString>> {
     let name = words
         .first()

@@ -1,8 +1,8 @@
 //! Elmer's `ViewFactors.dat`, text.
 //!
-//! Read: ElmerSolver, `fem/src/RadiationFactors.F90` in three states, the oldest without and the others with the keyword
-//! `Viewfactor Binary Output` (the reader, list-directed: for each radiating element the number of its entries, then a
-//! line `i j F` an entry; `i` is not used).
+//! Read: ElmerSolver, `fem/src/RadiationFactors.F90` in three states, the oldest without and the others with the
+//! keyword `Viewfactor Binary Output` (the reader, list-directed: for each radiating element the number of its entries,
+//! then a line `i j F` an entry; `i` is not used).
 //!
 //! Row i is the i-th boundary element whose boundary condition says `Radiation = Diffuse Gray`, in the order of
 //! `mesh.boundary`; all are of one `Radiation Boundary`. The Gebhart factors solve (I − ρ F) G = F ε: F is from row to

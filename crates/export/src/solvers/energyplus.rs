@@ -2,12 +2,12 @@
 //!
 //! Read: EnergyPlus 9.3, `src/EnergyPlus/HeatBalanceIntRadExchange.cc` (`GetInputViewFactorsbyName`: names of the
 //! surface from and to, then the factor; a pair left out is 0; a name that is not of the enclosure ends the run.
-//! `FixViewFactors`: a row is of the surface from and sums to 1; A_i F_ij and A_j F_ji are averaged and rows scaled until
-//! both hold), and the order of fields in EnergyPlus 22.1 and later (`zone_or_zonelist_or_space_or_spacelist_name`, before
-//! that `zone_or_zonelist_name`).
+//! `FixViewFactors`: a row is of the surface from and sums to 1; A_i F_ij and A_j F_ji are averaged and rows scaled
+//! until both hold), and the order of fields in EnergyPlus 22.1 and later
+//! (`zone_or_zonelist_or_space_or_spacelist_name`, before that `zone_or_zonelist_name`).
 //!
-//! Surfaces are objects by their names, which EnergyPlus compares without case. All of them are one enclosure: what sees
-//! nothing of the others is refused.
+//! Surfaces are objects by their names, which EnergyPlus compares without case. All of them are one enclosure: what
+//! sees nothing of the others is refused.
 
 use super::{SolverJob, SolverWriter};
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};

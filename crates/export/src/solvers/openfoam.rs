@@ -91,8 +91,8 @@ impl SolverWriter for OpenFoam {
 
     fn next(&self, faces: &Faces<'_>, _: &Found, _: &[PathBuf]) -> String {
         format!(
-            "OpenFOAM: `finalAgglom` must leave the {} faces of `viewFactorWall` as they are; then run the solver without \
-             `viewFactorsGen`, and with `smoothing false`",
+            "OpenFOAM: `finalAgglom` must leave the {} faces of `viewFactorWall` as they are; then run the solver \
+             without `viewFactorsGen`, and with `smoothing false`",
             faces.len()
         )
     }

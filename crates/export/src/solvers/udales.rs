@@ -1,9 +1,9 @@
 //! uDALES' `vfsparse.inp.NNN` and, beside it, `svf.inp.NNN`.
 //!
-//! Read: uDALES 2 (repository u-dales, 2026), `src/initfac.f90` (the reader: `nnz` lines `i j F`, list-directed; a header
-//! line, then a sky view factor a line), `src/modEB.f90` (`calclw`: the longwave that arrives at i is svf_i times the
-//! sky's and Σ_j F_ij σ ε_j T_j⁴), and `tools/python/udgeom/view3d.py` (its own writer and its check: rows and sky sum to
-//! 1, reciprocity).
+//! Read: uDALES 2 (repository u-dales, 2026), `src/initfac.f90` (the reader: `nnz` lines `i j F`, list-directed; a
+//! header line, then a sky view factor a line), `src/modEB.f90` (`calclw`: the longwave that arrives at i is svf_i
+//! times the sky's and Σ_j F_ij σ ε_j T_j⁴), and `tools/python/udgeom/view3d.py` (its own writer and its check: rows
+//! and sky sum to 1, reciprocity).
 //!
 //! Facets are the triangles of the STL file in order, from 1. svf_i = 1 − Σ_j F_ij of what is written.
 

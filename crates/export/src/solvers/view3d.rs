@@ -21,7 +21,7 @@ use std::fmt::Write as _;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Where no emittance is known, as View3D's limit: black.
+/// Emittance of a face without one: View3D's limit, black.
 const BLACK: f64 = 0.999;
 /// Least form factor in a sparse file: what six decimals round to one.
 const SPARSE_MIN: f64 = 5e-7;
@@ -54,7 +54,7 @@ impl View3dForm {
     }
 }
 
-/// What a View3D file says of its matrix.
+/// Head of a View3D file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View3dHead {
     /// The form.
@@ -174,7 +174,7 @@ fn write(form: View3dForm, job: &SolverJob<'_>, files: &mut [Cancellable<'_>]) -
     buffer.flush().map_err(Failure::File).map_err(fail)
 }
 
-/// Which of the two sides of a copy failed.
+/// Failure of either side of a copy.
 enum Failure {
     Row(crate::Error),
     File(io::Error),

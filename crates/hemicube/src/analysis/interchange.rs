@@ -6,8 +6,8 @@
 //! Σ_j 𝓕_ij = ε_i in an enclosure                                A_i 𝓕_ij = A_j 𝓕_ji
 //! ```
 //!
-//! (Hottel & Sarofim 1967, *Radiative Transfer*, pp. 84–86.) The matrix is symmetric and positive definite where rows sum
-//! to at most 1 and ε > 0; it is factorised as L D Lᵀ without pivots. n³/6 + n³ multiplications.
+//! (Hottel & Sarofim 1967, *Radiative Transfer*, pp. 84–86.) The matrix is symmetric and positive definite where rows
+//! sum to at most 1 and ε > 0; it is factorised as L D Lᵀ without pivots. n³/6 + n³ multiplications.
 
 use thiserror::Error;
 

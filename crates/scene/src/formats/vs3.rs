@@ -553,6 +553,42 @@ mod tests {
     }
 
     #[test]
+    fn a_study_has_settings_and_rows() {
+        let text = WALL
+            .replace("C encl=0", "C encl=1,out = 2 , EPS=1.e-5")
+            .replace("S 2", "N 2")
+            .replace("V 2 4 0 0", "V 2 4,0,0");
+        let found = study(text.as_bytes()).unwrap();
+        let control = |name: &str, value: &str| (name.to_owned(), value.to_owned(), 2);
+        assert_eq!(
+            found.controls,
+            [control("encl", "1"), control("out", "2"), control("eps", "1.e-5")]
+        );
+        assert_eq!(found.title, "a wall with a window");
+        let rows: Vec<_> = found
+            .surfaces
+            .iter()
+            .map(|s| (&*s.name, s.combined_with, s.emittance, s.radiates))
+            .collect();
+        assert_eq!(
+            rows,
+            [
+                ("wall", None, 0.9, true),
+                ("window", None, 0.5, false),
+                ("part", Some(0), 0.9, true)
+            ]
+        );
+        // A chain of combined surfaces, and one with a null surface.
+        for text in [
+            WALL.replace("end\n", "S 4 9 5 8 0 0 3 0.9 chain\n"),
+            WALL.replace("S 2", "N 2").replace("0 1 1 0.9 part", "0 1 2 0.9 part"),
+        ] {
+            let message = study(text.as_bytes()).unwrap_err().to_string();
+            assert!(message.contains("no surface to combine with"), "{message}");
+        }
+    }
+
+    #[test]
     fn obstructions_say_how_to_be_occluders_only() {
         let scene = open(
             &WALL
