@@ -16,6 +16,9 @@ use glam::DVec3;
 /// Relative difference of areas that is rounding.
 #[cfg(feature = "_buildings")]
 const AREA: f64 = 1e-9;
+/// Steps of cutting a piece, for each pair of corners.
+#[cfg(feature = "_buildings")]
+const CUT_STEPS: usize = 16;
 
 /// Twice the vector area of a polygon.
 #[cfg(feature = "_buildings")]
@@ -69,6 +72,33 @@ pub(crate) fn cut(
     convex_pieces(wall, openings, bounds)
 }
 
+/// A convex polygon with its bounds.
+#[cfg(feature = "_buildings")]
+struct Piece {
+    corners: Vec<DVec3>,
+    least: DVec3,
+    most: DVec3,
+}
+
+#[cfg(feature = "_buildings")]
+impl Piece {
+    /// Its bounds are those along the wall: `across` is the axis nearest to the wall's normal, along which an opening may
+    /// lie off.
+    fn new(corners: Vec<DVec3>, across: usize) -> Self {
+        let mut least = corners.iter().fold(DVec3::INFINITY, |least, &corner| least.min(corner));
+        let mut most = corners
+            .iter()
+            .fold(DVec3::NEG_INFINITY, |most, &corner| most.max(corner));
+        (least[across], most[across]) = (f64::NEG_INFINITY, f64::INFINITY);
+        Self { corners, least, most }
+    }
+
+    /// The two may overlap in no part of a plane, if an extent of one ends where the other's begins.
+    fn is_apart(&self, other: &Self) -> bool {
+        self.least.cmpgt(other.most).any() || other.least.cmpgt(self.most).any()
+    }
+}
+
 /// The wall less its openings by the lines of their edges.
 #[cfg(feature = "_buildings")]
 fn convex_pieces(wall: &[DVec3], openings: &[&[DVec3]], bounds: &mut Bounds) -> Result<Vec<[DVec3; 3]>, Error> {
@@ -88,18 +118,32 @@ fn convex_pieces(wall: &[DVec3], openings: &[&[DVec3]], bounds: &mut Bounds) -> 
             triangles(polygon)
         }
     };
-    let mut pieces = convex(wall);
+    let normal = vector_area(wall).abs();
+    let across = (0..3).fold(0, |most, axis| if normal[axis] > normal[most] { axis } else { most });
+    let piece = |corners| Piece::new(corners, across);
     let mut count = 0_u64;
+    let mut pieces: Vec<Piece> = convex(wall).into_iter().map(piece).collect();
+    let mut next = Vec::new();
     for opening in openings.iter().flat_map(|opening| convex(opening)) {
-        let steps: usize = pieces.iter().map(|piece| piece.len() * opening.len()).sum();
-        bounds.steps(steps as u64)?;
+        let opening = piece(opening);
         let before = pieces.len();
-        pieces = pieces.iter().flat_map(|piece| outside(piece, &opening)).collect();
+        let mut steps = before as u64;
+        for part in pieces.drain(..) {
+            if part.is_apart(&opening) {
+                next.push(part);
+                continue;
+            }
+            // A corner of either costs some allocations.
+            steps += (CUT_STEPS * part.corners.len() * opening.corners.len()) as u64;
+            next.extend(outside(&part.corners, &opening.corners).into_iter().map(piece));
+        }
+        std::mem::swap(&mut pieces, &mut next);
         count += pieces.len().saturating_sub(before) as u64;
+        bounds.steps(steps)?;
         bounds.triangles(count, 0)?;
     }
-    let fan = |piece: &Vec<DVec3>| {
-        let corners = piece.clone();
+    let fan = |piece: &Piece| {
+        let corners = piece.corners.clone();
         (2..corners.len()).map(move |at| [corners[0], corners[at - 1], corners[at]])
     };
     Ok(pieces.iter().flat_map(fan).collect())
@@ -197,6 +241,9 @@ mod tests {
                 DVec3::new(2.0, 7.0, 3.0),
             ],
         );
+        // A door that is not quite in the plane.
+        let mut off = rectangle([1.0, 2.0], [0.0, 2.0]);
+        off.iter_mut().for_each(|corner| corner.y += 1e-9);
         for (wall, openings, area, pieces) in [
             (&wall, vec![rectangle([1.0, 2.0], [1.0, 2.0])], 11.0, 0),
             (
@@ -221,6 +268,7 @@ mod tests {
                 1,
             ),
             (&wall, vec![wall.clone()], 0.0, 1),
+            (&wall, vec![off.clone()], 10.0, 1),
             (&l_shape, vec![rectangle([0.5, 1.5], [0.5, 2.5])], 6.0, 0),
             (&l_shape, vec![rectangle([0.5, 3.0], [0.0, 0.5])], 6.75, 1),
         ] {

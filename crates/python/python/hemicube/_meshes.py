@@ -380,8 +380,9 @@ def _padded(cells: NDArray[Any]) -> tuple[_Ids, _Ids]:
 def _grid_cells(mesh: Any) -> tuple[_Ids, _Ids, _Ids, int]:
     """Corners, lengths and numbers of the surface cells of an unstructured grid, and how many cells are others."""
     types, connectivity = np.asarray(mesh.celltypes), np.asarray(mesh.cell_connectivity)
-    begins = np.asarray(mesh.offset)[:-1]
-    ends = np.asarray(mesh.offset)[1:]
+    # The name is new in PyVista 0.49, which warns of the old one.
+    offsets = np.asarray(mesh.cell_offsets if hasattr(mesh, "cell_offsets") else mesh.offset)
+    begins, ends = offsets[:-1], offsets[1:]
     if (types == _VTK_STRIP).any():
         raise InputError("the mesh has triangle strips; extract its surface first")
     pieces: list[tuple[_Ids, NDArray[Any]]] = []
