@@ -521,8 +521,49 @@ fn a_grid_on_surfaces_stands_off_them_along_their_normals() {
 }
 
 #[test]
-fn one_point_of_a_city_takes_a_tenth_of_a_second_and_a_grid_of_it_is_kept_by_rays() {
-    let Some(folder) = scenes_or_skip("one_point_of_a_city") else {
+fn a_mean_radiant_temperature_is_the_fourth_root_of_what_the_walls_send() {
+    let place = Place::new();
+    let size = [5.0, 4.0, 3.0];
+    place.write("tub.obj", room(size, &["ceiling"]));
+    place.write("seat.txt", "1.2 3.3 1.1\n");
+    place.write("heat.toml", "[default]\nemissivity = 1.0\ntemperature = 305\n");
+    place.line("compute tub.obj --split 2 -o m --no-config").is(0);
+    place
+        .line("solve m --thermal --materials heat.toml --ambient 280")
+        .is(0);
+    let (_, h, u, v) = sides_of(size, [1.2, 3.3, 1.1])[1];
+    let sky = rectangle(solid(h), u, v) / (4.0 * PI);
+    for (options, above) in [("", 280.0f64), ("--sky-temperature 255", 255.0)] {
+        let row = &rows(
+            &place,
+            &format!("tub.obj --points seat.txt --up z --solution m {options}"),
+        )[0];
+        let exact = ((1.0 - sky) * 305f64.powi(4) + sky * above.powi(4)).powf(0.25);
+        let found = number(&row["mean_radiant_temperature"]);
+        assert!((found - exact).abs() < 1e-3, "{options}: {found} {exact}");
+    }
+    says(
+        &place,
+        "tub.obj --points seat.txt --up z --solution m:none",
+        &["no solution `none`", "thermal"],
+    );
+    says(
+        &place,
+        "tub.obj --points seat.txt --up z --sky-temperature 255",
+        &["--solution"],
+    );
+    place.write("light.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
+    place.line("solve m --materials light.toml").is(0);
+    says(
+        &place,
+        "tub.obj --points seat.txt --up z --solution m:radiosity",
+        &["is of light", "--thermal"],
+    );
+}
+
+#[test]
+fn one_point_of_a_city_is_a_small_file_and_within_the_tolerance_by_rays() {
+    let Some(folder) = scenes_or_skip("points") else {
         return;
     };
     let scene = folder.join("city/denhaag-8897.obj");

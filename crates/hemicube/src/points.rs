@@ -18,8 +18,8 @@
 //!
 //! A patch that shows all pixels of its outline has the closed form from the point: Lambert's contour sum, the solid
 //! angle (van Oosterom & Strackee 1983), the contour integral of the mantle. Others have it times their visible share of
-//! the outline's weight. What then lacks to 1 is shared among the latter, sky, ground and backs in proportion, so that
-//! every row sums to 1.
+//! the outline's weight. What then lacks to 1 is shared among the latter, by the lesser of what is seen and what is
+//! hidden of each, and sky, ground and backs, so that every row sums to 1.
 //!
 //! With a tolerance T, hemicubes of twice the resolution follow, up to the finest, then twice as many of them with other
 //! turns, up to [`TURNS_MAX`], until a row changes by T of its Euclidean norm at most, and sky, ground and blocked share

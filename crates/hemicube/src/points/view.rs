@@ -152,34 +152,38 @@ impl Scratch {
         let share = |weight: u64| weight as f64 / whole;
         let axis = part.axis.normalize_or_zero();
         let mut patches = Vec::with_capacity(sum.seen.len());
-        // The sum of those known in closed form, and of the others.
-        let (mut certain, mut uncertain) = (0.0, 0.0);
-        let mut is_certain = Vec::with_capacity(sum.seen.len());
+        // By how much each may be wrong: pixels along an edge go either way, and nothing is seen of what is hidden.
+        let mut slack = Vec::with_capacity(sum.seen.len());
         for (&patch, seen) in &sum.seen {
             let all = self.unoccluded(model, origin, axis, part.kernel, patch);
-            // Nothing of it is above the horizon by the closed form, and a pixel shows it: the pixel decides.
-            let known = seen.is_whole && all > 0.0;
-            let factor = if all > 0.0 {
-                all * (seen.visible as f64 / seen.covered.max(1) as f64)
+            let (factor, of_patch) = if all <= 0.0 {
+                // Nothing of it is above the horizon by the closed form, and a pixel shows it: the pixel decides.
+                (share(seen.visible), share(seen.visible))
+            } else if seen.is_whole {
+                (all, 0.0)
             } else {
-                share(seen.visible)
+                let factor = all * (seen.visible as f64 / seen.covered.max(1) as f64);
+                (factor, factor.min(all - factor))
             };
-            *(if known { &mut certain } else { &mut uncertain }) += factor;
             patches.push((InputPatch(patch), factor));
-            is_certain.push(known);
+            slack.push(of_patch);
         }
         let mut shares = [sum.sky, sum.ground, sum.blocked].map(share);
-        uncertain += shares.iter().sum::<f64>();
-        let lacking = 1.0 - certain - uncertain;
-        if lacking.abs() <= 0.5 * uncertain {
-            let scale = 1.0 + lacking / uncertain;
-            for ((_, factor), known) in patches.iter_mut().zip(is_certain) {
-                *factor *= if known { 1.0 } else { scale };
+        let slack_of_shares = shares.map(|share| share.min(1.0 - share));
+        let found = patches.iter().map(|(_, factor)| factor).sum::<f64>() + shares.iter().sum::<f64>();
+        let all_slack = slack.iter().sum::<f64>() + slack_of_shares.iter().sum::<f64>();
+        let lacking = 1.0 - found;
+        if lacking.abs() <= all_slack {
+            let scale = if all_slack > 0.0 { lacking / all_slack } else { 0.0 };
+            for ((_, factor), slack) in patches.iter_mut().zip(slack) {
+                *factor += slack * scale;
             }
-            shares = shares.map(|share| share * scale);
+            for (share, slack) in shares.iter_mut().zip(slack_of_shares) {
+                *share += slack * scale;
+            }
         } else {
-            // All but nothing is uncertain: a sliver without a pixel is shared among all.
-            let scale = 1.0 / (certain + uncertain);
+            // A sliver without a pixel, and nothing to make up for it: shared among all.
+            let scale = 1.0 / found;
             patches.iter_mut().for_each(|(_, factor)| *factor *= scale);
             shares = shares.map(|share| share * scale);
         }
