@@ -47,7 +47,9 @@ fn room() -> Place {
 type Surfaces = BTreeMap<String, (f64, [f64; 3])>;
 
 fn surfaces(place: &Place, line: &str) -> (Surfaces, Value) {
-    place.line(&format!("{line} --surfaces by.json --overwrite --quiet")).is(0);
+    place
+        .line(&format!("{line} --surfaces by.json --overwrite --quiet"))
+        .is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     let json: Value = serde_json::from_str(&text).expect("JSON");
     let number = |value: &Value| value.as_f64().expect("a number");
@@ -79,11 +81,18 @@ fn objects_have_properties_and_heat_adds_up() {
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let resistance = (1.0 - 0.9) / (0.9 * floor) + 1.0 / floor + (1.0 - 0.9) / (0.9 * rest);
     let lumped = (black(303.15) - black(293.15)) / resistance;
-    assert!((found["floor"].0 / lumped - 1.0).abs() < 0.01, "{} {lumped}", found["floor"].0);
+    assert!(
+        (found["floor"].0 / lumped - 1.0).abs() < 0.01,
+        "{} {lumped}",
+        found["floor"].0
+    );
     assert_eq!(found["floor"].1, [303.15; 3]);
     let sum: f64 = found.values().map(|(heat, _)| heat).sum();
     let error = json["balance"]["error"].as_f64().expect("a number");
-    assert!((sum - error).abs() < 1e-9 * lumped && error.abs() < 1e-3 * lumped, "{sum} {error}");
+    assert!(
+        (sum - error).abs() < 1e-9 * lumped && error.abs() < 1e-3 * lumped,
+        "{sum} {error}"
+    );
     assert_eq!(json["enclosures"].as_array().map(Vec::len), Some(1));
     assert_eq!(json["enclosures"][0]["escaped"], 0.0);
 
@@ -96,43 +105,89 @@ fn objects_have_properties_and_heat_adds_up() {
         .line("solve room --thermal --materials old.toml --surfaces by.csv")
         .is(0)
         .says(&["no material is called `floor`"]);
-    assert!(ran.out.contains("\nfloor    32       30.000") && ran.out.contains("closed"), "{}", ran.out);
+    assert!(
+        ran.err.contains("\nfloor    32       30.000") && ran.err.contains("closed"),
+        "{}",
+        ran.err
+    );
     let csv = std::fs::read_to_string(place.path("by.csv")).expect("a table");
     let heat: f64 = csv
         .lines()
         .skip(1)
-        .map(|line| line.split(',').nth(3).and_then(|field| field.parse::<f64>().ok()).expect("heat"))
+        .map(|line| {
+            line.split(',')
+                .nth(3)
+                .and_then(|field| field.parse::<f64>().ok())
+                .expect("heat")
+        })
         .sum();
     assert!((heat - error).abs() < 1e-6 * lumped, "{csv}");
 
     // A file without anything new says what it said before.
     place.write("plain.toml", "[default]\nemissivity = 0.9\ntemperature = 300\n");
     let ran = place.line("solve room --thermal --materials plain.toml").is(0);
-    assert!(!ran.out.contains("heat, W"), "{}", ran.out);
+    assert!(!ran.err.contains("heat, W"), "{}", ran.err);
     let record = std::fs::read_to_string(place.path("room/solutions/thermal/solution.json")).expect("a report");
-    assert!(!record.contains("by_surface") && !record.contains("isothermal"), "{record}");
+    assert!(
+        !record.contains("by_surface") && !record.contains("isothermal"),
+        "{record}"
+    );
 }
 
 #[test]
 fn names_that_nothing_has_and_contradictions_are_refused() {
     let place = room();
     let with = |text: &str, words: &[&str]| {
-        place.write("m.toml", format!("[default]\nemissivity = 0.9\ntemperature = 293\n{text}"));
+        place.write(
+            "m.toml",
+            format!("[default]\nemissivity = 0.9\ntemperature = 293\n{text}"),
+        );
         refused(&place, "solve room --thermal --materials m.toml", words);
     };
-    with("[object.flor]\ntemperature = 303\n", &["`flor` matches no object", "`floor`, `ceiling`"]);
-    with("[material.flor]\ntemperature = 303\n", &["`flor` matches no material", "the objects `floor`"]);
-    with("[object.floor]\ntemperature = 303\nflux = 3\n", &["`temperature` and `flux`"]);
-    with("[object.\"*th\"]\n[object.\"*or\"]\n[object.\"s*\"]\n[object.\"so*\"]\n", &["fits both"]);
+    with(
+        "[object.flor]\ntemperature = 303\n",
+        &["`flor` matches no object", "`floor`, `ceiling`"],
+    );
+    with(
+        "[material.flor]\ntemperature = 303\n",
+        &["`flor` matches no material", "the objects `floor`"],
+    );
+    with(
+        "[object.floor]\ntemperature = 303\nflux = 3\n",
+        &["`temperature` and `flux`"],
+    );
+    with(
+        "[object.\"*th\"]\n[object.\"*or\"]\n[object.\"s*\"]\n[object.\"so*\"]\n",
+        &["fits both"],
+    );
     with("[object.floor]\ntemperature = \"30 F\"\n", &["m.toml:5:", "30 F"]);
-    with("[object.\"*\"]\nflux = -9000\n[object.floor]\ntemperature = 300\n", &["object `ceiling` cannot be", "0 K"]);
-    with("[object.\"*\"]\nflux = 10\n", &["adds up to", "closed", "give one surface a `temperature`"]);
-    with("[object.\"*\"]\nadiabatic = true\n", &["level of all its temperatures open"]);
-    with("[object.floor]\nisothermal = true\nemissivity = 0\n", &["exchanges nothing"]);
-    place.write("m.toml", "[object.floor]\nisothermal = true\n[default]\nemissivity = 0.9\ntemperature = 293\n");
+    with(
+        "[object.\"*\"]\nflux = -9000\n[object.floor]\ntemperature = 300\n",
+        &["object `ceiling` cannot be", "0 K"],
+    );
+    with(
+        "[object.\"*\"]\nflux = 10\n",
+        &["adds up to", "closed", "give one surface a `temperature`"],
+    );
+    with(
+        "[object.\"*\"]\nadiabatic = true\n",
+        &["level of all its temperatures open"],
+    );
+    with(
+        "[object.floor]\nisothermal = true\nemissivity = 0\n",
+        &["exchanges nothing"],
+    );
+    place.write(
+        "m.toml",
+        "[object.floor]\nisothermal = true\n[default]\nemissivity = 0.9\ntemperature = 293\n",
+    );
     let line = "solve room --thermal --materials m.toml";
     refused(&place, &format!("{line} --method gauss-seidel"), &["GMRES or Jacobi"]);
-    refused(&place, &format!("{line} --ground 5C"), &["--ground", "hemicube sky SCENE --store room"]);
+    refused(
+        &place,
+        &format!("{line} --ground 5C"),
+        &["--ground", "hemicube sky SCENE --store room"],
+    );
     refused(&place, &format!("{line} --ambient 20F"), &["20 °C"]);
     refused(&place, &format!("{line} --surfaces x.txt"), &[".csv or .json"]);
     refused(&place, "solve room --materials m.toml --by object", &["--thermal"]);
@@ -147,9 +202,10 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
     place.write(
         "m.toml",
         "[default]\nemissivity = 0.9\n[object.floor]\nflux = 40\n[object.ceiling]\nadiabatic = true\n[object.east]\n\
-         temperature = \"5 °C\"\n[object.\"*st\"]\nisothermal = true\n[object.\"*th\"]\nisothermal = true\nheat = -50\n",
+         temperature = \"5 °C\"\n[object.\"*st\"]\nisothermal = true\n\
+         [object.\"*th\"]\nheat = -50\nisothermal = true\n",
     );
-    for extra in ["", "--method jacobi", "--network"] {
+    for extra in ["", "--method jacobi", "--network object"] {
         let (found, json) = surfaces(&place, &format!("solve room --thermal --materials m.toml {extra}"));
         for (name, heat) in [
             ("floor", 1200.0),
@@ -165,10 +221,14 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
         assert!(error < 5e-4, "{error}");
         for name in ["west", "south", "north"] {
             let [mean, least, most] = found[name].1;
-            assert!(least == most && mean == least && mean > 278.15, "{extra} {name}: {:?}", found[name].1);
+            assert!(
+                least == most && mean == least && mean > 278.15,
+                "{extra} {name}: {:?}",
+                found[name].1
+            );
         }
         let [_, least, most] = found["floor"].1;
-        assert_eq!(extra == "--network", least == most, "{extra}: {least} to {most}");
+        assert_eq!(extra == "--network object", least == most, "{extra}: {least} to {most}");
     }
     // Everything with one temperature, the rest floating: nothing flows.
     place.write(
@@ -180,7 +240,10 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
     let black = STEFAN_BOLTZMANN * 300.0_f64.powi(4);
     for (name, (heat, kelvin)) in found {
         assert!(heat.abs() < 1e-6 * black, "{name}: {heat} W");
-        assert!(kelvin.iter().all(|kelvin| (kelvin - 300.0).abs() < 1e-4), "{name}: {kelvin:?}");
+        assert!(
+            kelvin.iter().all(|kelvin| (kelvin - 300.0).abs() < 1e-4),
+            "{name}: {kelvin:?}"
+        );
     }
 }
 
@@ -192,22 +255,37 @@ fn a_printed_file_is_what_holds() {
         "[default]\nemissivity = 0.9\ntemperature = \"20 °C\"\n[object.\"*th\"]\nheat = 30\nisothermal = true\n",
     );
     let printed = place.line("solve room --materials m.toml --print-materials").is(0).out;
-    assert!(printed.contains("[object.\"north\"]\nemissivity = 0.9\nheat = 30\nisothermal = true\n"), "{printed}");
+    assert!(
+        printed.contains("[object.\"north\"]\nemissivity = 0.9\nheat = 30\nisothermal = true\n"),
+        "{printed}"
+    );
     place.write("again.toml", &printed);
     let solved = |file: &str| surfaces(&place, &format!("solve room --thermal --by object --materials {file}")).0;
     assert_eq!(solved("m.toml"), solved("again.toml"));
     // Of nothing at all there is a file, too.
-    assert!(place.line("solve room --print-materials").is(0).out.contains("[object.\"floor\"]"));
+    assert!(
+        place
+            .line("solve room --print-materials")
+            .is(0)
+            .out
+            .contains("[object.\"floor\"]")
+    );
 }
 
 #[test]
 fn sky_and_ground_have_temperatures_of_their_own() {
     let place = Place::new();
-    // A plate seen from both sides, level, one metre wide.
-    place.write("plate.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\no top\nf 1 2 3 4\no bottom\nf 4 3 2 1\n");
-    place.line("compute plate.obj --keep-duplicates on --two-sided off -o plate --quiet").is(0);
-    place.line("sky plate.obj --keep-duplicates on --two-sided off --up z --store plate --quiet");
-    place.write("m.toml", "[default]\nemissivity = 0.8\ntemperature = 300\n[object.bottom]\nadiabatic = true\n");
+    // Two level plates that look away from each other, one metre wide.
+    place.write(
+        "plate.obj",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 -1\nv 1 0 -1\nv 1 1 -1\nv 0 1 -1\no top\nf 1 2 3 4\no bottom\nf 8 7 6 5\n",
+    );
+    place.line("compute plate.obj -o plate --quiet").is(0);
+    place.line("sky plate.obj --up z --store plate --quiet");
+    place.write(
+        "m.toml",
+        "[default]\nemissivity = 0.8\ntemperature = 300\n[object.bottom]\nadiabatic = true\n",
+    );
     let line = "solve plate --thermal --materials m.toml --ambient -20C --ground 310";
     let (found, json) = surfaces(&place, line);
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
@@ -226,21 +304,39 @@ fn the_fields_cases_are_right() {
     let place = Place::new();
     let cases = scenes.join("../cases").display().to_string();
     let properties = format!("{cases}/object-properties");
-    place.line(&format!("compute {properties}/room.stl -o room --quiet")).is(0);
+    place
+        .line(&format!("compute {properties}/room.stl -o room --quiet"))
+        .is(0);
     let (found, _) = surfaces(&place, &format!("solve room --thermal --materials {properties}/m.toml"));
     assert!((found["floor"].0 / 1565.0 - 1.0).abs() < 0.005, "{}", found["floor"].0);
 
-    place.line(&format!("compute {properties}/zone.vs3 -o zone --quiet")).is(0);
-    let (found, _) = surfaces(&place, &format!("solve zone --thermal --materials {properties}/zone.toml"));
+    place
+        .line(&format!("compute {properties}/zone.vs3 -o zone --quiet"))
+        .is(0);
+    let (found, _) = surfaces(
+        &place,
+        &format!("solve zone --thermal --materials {properties}/zone.toml"),
+    );
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let (floor, rest) = (1200.0, 1200.0 + 840.0);
     let resistance = 0.05 / (0.95 * floor) + 1.0 / floor + 0.05 / (0.95 * rest);
     let lumped = (black(303.0) - black(293.0)) / resistance;
-    assert!((found["Floor"].0 / lumped - 1.0).abs() < 0.005, "{} {lumped}", found["Floor"].0);
+    assert!(
+        (found["Floor"].0 / lumped - 1.0).abs() < 0.005,
+        "{} {lumped}",
+        found["Floor"].0
+    );
     // Emissivities are the file's where no table has them, and that is said.
-    place.write("t.toml", "[default]\ntemperature = 293\n[object.Floor]\ntemperature = 303\n");
+    place.write(
+        "t.toml",
+        "[default]\ntemperature = 293\n[object.Floor]\ntemperature = 303\n",
+    );
     let ran = place.line("solve zone --thermal --materials t.toml").is(0);
-    assert!(ran.out.contains("of 6 surfaces as the scene's file has it: 0.95"), "{}", ran.out);
+    assert!(
+        ran.err.contains("of 6 surfaces as the scene's file has it: 0.95"),
+        "{}",
+        ran.err
+    );
     let (own, _) = surfaces(&place, "solve zone --thermal --materials t.toml");
     assert!((own["Floor"].0 / found["Floor"].0 - 1.0).abs() < 1e-9);
 
@@ -250,7 +346,9 @@ fn the_fields_cases_are_right() {
 /// A long prism of sides 4, 3 and 5 m with given fluxes: crossed strings and dense systems in two dimensions, and ends
 /// that reradiate, 60 m apart.
 fn prism(place: &Place, case: &str) {
-    place.line(&format!("compute {case}/prism.obj -o prism --tolerance 0.5% --quiet")).is(0);
+    place
+        .line(&format!("compute {case}/prism.obj -o prism --tolerance 0.5% --quiet"))
+        .is(0);
     let text = std::fs::read_to_string(std::path::Path::new(case).join("mat.toml")).expect("a case");
     place.write("free.toml", &text);
     place.write("iso.toml", text.replace("flux =", "isothermal = true\nflux ="));
@@ -264,11 +362,24 @@ fn prism(place: &Place, case: &str) {
         }
     };
     // One radiosity a side: 640.68 and 598.77 K, for which a 3 × 3 system is enough.
-    near(solved("--materials free.toml --network"), [640.68, 598.77], 0.5, "a network");
+    near(
+        solved("--materials free.toml --network material"),
+        [640.68, 598.77],
+        0.5,
+        "a network",
+    );
     // One temperature a side, radiosities of strips of 0.5 m.
     near(solved("--materials iso.toml"), [642.6, 599.6], 0.5, "isothermal");
-    // Strips of 1 m and of 0.5 m have 652.6 and 653.7, 604.6 and 605.2 K; triangles of half a strip lie between.
-    near(solved("--materials free.toml"), [653.15, 604.9], 0.6, "free");
+    // Faces of 1 m.
+    near(
+        solved("--materials free.toml --network face"),
+        [652.62, 604.64],
+        0.5,
+        "free",
+    );
+    // Strips of 1 m, of 0.5 m and in the limit have 652.6, 653.7 and 654.2, and 604.6, 605.2 and 605.6 K; triangles of
+    // half a face lie between.
+    near(solved("--materials free.toml"), [653.4, 605.1], 0.8, "triangles");
 }
 
 #[test]
@@ -278,24 +389,43 @@ fn exchange_is_conserved_and_reproduces_the_solution() {
         "m.toml",
         "[default]\nemissivity = 0.9\ntemperature = 293\n[object.floor]\nemissivity = 0.4\ntemperature = 303\n",
     );
-    place.line("exchange room --materials m.toml -o x.json -o x.csv -o x.npz").is(0);
-    let json: Value = serde_json::from_str(&std::fs::read_to_string(place.path("x.json")).expect("a file")).expect("JSON");
+    place
+        .line("exchange room --materials m.toml -o x.json -o x.csv -o x.npz")
+        .is(0);
+    let json: Value =
+        serde_json::from_str(&std::fs::read_to_string(place.path("x.json")).expect("a file")).expect("JSON");
     let rows = |key: &str| -> Vec<Vec<f64>> {
         let rows = json["bands"][0][key].as_array().expect("rows").iter();
-        rows.map(|row| row.as_array().expect("a row").iter().map(|x| x.as_f64().expect("a number")).collect())
-            .collect()
+        rows.map(|row| {
+            row.as_array()
+                .expect("a row")
+                .iter()
+                .map(|x| x.as_f64().expect("a number"))
+                .collect()
+        })
+        .collect()
     };
     let (gebhart, conductance) = (rows("gebhart"), rows("conductance"));
     for row in &gebhart {
-        assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-6 && row.len() == 7, "{row:?}");
+        assert!(
+            (row.iter().sum::<f64>() - 1.0).abs() < 1e-6 && row.len() == 7,
+            "{row:?}"
+        );
     }
     // Q = Σ σ A F (T⁴ − T⁴) is what the network gives off.
     let kelvin: Vec<f64> = (0..6).map(|at| if at == 0 { 303.0 } else { 293.0 }).collect();
     let heat: f64 = (1..6)
         .map(|to| conductance[0][to] * (kelvin[0].powi(4) - kelvin[to].powi(4)))
         .sum();
-    let (found, _) = surfaces(&place, "solve room --thermal --materials m.toml --network --tolerance 1e-10");
-    assert!((heat / found["floor"].0 - 1.0).abs() < 1e-5, "{heat} {}", found["floor"].0);
+    let (found, _) = surfaces(
+        &place,
+        "solve room --thermal --materials m.toml --network object --tolerance 1e-10",
+    );
+    assert!(
+        (heat / found["floor"].0 - 1.0).abs() < 1e-5,
+        "{heat} {}",
+        found["floor"].0
+    );
     assert!((conductance[0][1] / conductance[1][0] - 1.0).abs() < 1e-3);
     let csv = std::fs::read_to_string(place.path("x.csv")).expect("a file");
     assert_eq!(csv.lines().count(), 1 + 36);
@@ -306,18 +436,51 @@ fn exchange_is_conserved_and_reproduces_the_solution() {
         "bands.toml",
         "bands = [\"thermal\", \"solar\"]\n[default]\nemissivity = [0.9, 0.3]\n[object.floor]\nemissivity = 0.5\n",
     );
-    let report = place.line("exchange room --materials bands.toml --by patch --json").is(0).json();
-    assert_eq!((report["surfaces"].as_u64(), report["bands"][1].as_str()), (Some(192), Some("solar")));
+    let report = place
+        .line("exchange room --materials bands.toml --by patch --json")
+        .is(0)
+        .json();
+    assert_eq!(
+        (report["surfaces"].as_u64(), report["bands"][1].as_str()),
+        (Some(192), Some("solar"))
+    );
     for band in 0..2 {
         assert!(report["conservation"][band].as_f64().is_some_and(|off| off < 1e-6));
-        assert!(report["reciprocity"][band].as_f64().is_some_and(|off| off < 0.02), "{report}");
+        assert!(
+            report["reciprocity"][band].as_f64().is_some_and(|off| off < 0.02),
+            "{report}"
+        );
     }
     // The same bytes again, by other threads.
-    place.line("exchange room --materials m.toml -o y.npz --threads 1 --quiet").is(0);
+    place
+        .line("exchange room --materials m.toml -o y.npz --threads 1 --quiet")
+        .is(0);
     let bytes = |name: &str| std::fs::read(place.path(name)).expect("a file");
     assert!(bytes("x.npz") == bytes("y.npz"));
     place.write("none.toml", "[object.floor]\nemissivity = 0.4\n");
-    refused(&place, "exchange room --materials none.toml", &["no emissivity is known of `ceiling`"]);
-    refused(&place, "exchange room --materials m.toml -o x.txt", &[".csv, .json or .npz"]);
+    refused(
+        &place,
+        "exchange room --materials none.toml",
+        &["no emissivity is known of `ceiling`"],
+    );
+    refused(
+        &place,
+        "exchange room --materials m.toml -o x.txt",
+        &[".csv, .json or .npz"],
+    );
     refused(&place, "exchange room --materials m.toml -o x.csv", &["--overwrite"]);
+}
+
+#[test]
+fn light_is_given_by_objects_too() {
+    let place = room();
+    place.write(
+        "l.toml",
+        "bands = [\"all\"]\n[default]\nreflectance = 0.5\n[object.floor]\nemission = 2\nreflectance = 0.2\n",
+    );
+    let report = place.line("solve room --materials l.toml --json").is(0).json();
+    let emitted = report["balance"][0]["emitted"].as_f64().expect("a number");
+    assert!((emitted - 60.0).abs() < 1e-9, "2 W/m² of 30 m²: {emitted}");
+    assert_eq!(report["surfaces"]["light"][0]["object"], "floor");
+    assert_eq!(report["surfaces"]["light"][1]["reflectance"][0], 0.5);
 }

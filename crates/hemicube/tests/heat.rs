@@ -190,14 +190,27 @@ fn enclosures_of_two_to_six_surfaces_are_as_solved_by_hand() {
             // One temperature, everything else with a flux or adiabatic.
             conditions(
                 count,
-                |i| [Given::Temperature(400.0), Given::Flux(2000.0), Given::Flux(0.0), Given::Flux(-300.0)][i % 4],
+                |i| {
+                    [
+                        Given::Temperature(400.0),
+                        Given::Flux(2000.0),
+                        Given::Flux(0.0),
+                        Given::Flux(-300.0),
+                    ][i % 4]
+                },
                 &[],
                 &room,
             ),
             // All but one surface conduct well together.
             conditions(
                 count,
-                |i| if i == 0 { Given::Temperature(350.0) } else { Given::Node(0) },
+                |i| {
+                    if i == 0 {
+                        Given::Temperature(350.0)
+                    } else {
+                        Given::Node(0)
+                    }
+                },
                 &[1234.0],
                 &room,
             ),
@@ -247,7 +260,14 @@ fn at_equilibrium_nothing_flows_and_floating_bodies_take_the_temperature_around_
         let count = room.area.len();
         let heat = conditions(
             count,
-            |i| [Given::Temperature(321.0), Given::Node(0), Given::Flux(0.0), Given::Node(0)][i % 4],
+            |i| {
+                [
+                    Given::Temperature(321.0),
+                    Given::Node(0),
+                    Given::Flux(0.0),
+                    Given::Node(0),
+                ][i % 4]
+            },
             &[0.0],
             &room,
         );
@@ -296,12 +316,22 @@ fn a_node_is_one_temperature_and_its_heat_adds_up() {
     let room = cube();
     let heat = conditions(
         6,
-        |i| if i < 4 { Given::Node(0) } else { Given::Temperature(290.0 + 5.0 * i as f64) },
+        |i| {
+            if i < 4 {
+                Given::Node(0)
+            } else {
+                Given::Temperature(290.0 + 5.0 * i as f64)
+            }
+        },
         &[-77.0],
         &room,
     );
     let found = solved(&room, &heat, METHODS[1]);
-    assert!(found.temperature[..4].iter().all(|kelvin| *kelvin == found.temperature[0]));
+    assert!(
+        found.temperature[..4]
+            .iter()
+            .all(|kelvin| *kelvin == found.temperature[0])
+    );
     let sum: f64 = (0..4).map(|i| flux(&found, i)).sum();
     assert!((sum + 77.0).abs() < 1e-3, "{sum}");
     let fluxes: Vec<f64> = (0..4).map(|i| flux(&found, i)).collect();
@@ -352,7 +382,12 @@ fn a_long_way_to_the_only_temperature_converges() {
     assert!(found.solution.converged, "{:?}", found.solution.residuals);
     let kelvin = (blacks[count - 1] / STEFAN_BOLTZMANN).powf(0.25);
     assert!((found.temperature[count - 1] / kelvin - 1.0).abs() < 1e-4);
-    assert!((flux(&found, 0) / fluxes[0] - 1.0).abs() < 1e-3, "{} {}", flux(&found, 0), fluxes[0]);
+    assert!(
+        (flux(&found, 0) / fluxes[0] - 1.0).abs() < 1e-3,
+        "{} {}",
+        flux(&found, 0),
+        fluxes[0]
+    );
 }
 
 #[test]
@@ -379,9 +414,7 @@ fn what_is_wrong_is_refused_by_name() {
     assert!(with(|heat| heat.given[1] = Given::Node(0)).contains("has no heat"));
     assert!(with(|heat| heat.nodes = vec![1.0]).contains("no patch"));
     assert!(with(|heat| heat.given[1] = Given::Temperature(-1.0)).contains("-1"));
-    assert!(
-        with(|heat| (heat.given[1], heat.emissivity[1]) = (Given::Flux(3.0), 0.0)).contains("an emissivity of 0")
-    );
+    assert!(with(|heat| (heat.given[1], heat.emissivity[1]) = (Given::Flux(3.0), 0.0)).contains("an emissivity of 0"));
     let mut node = sound.clone();
     (node.given[0], node.nodes) = (Given::Node(0), vec![1.0]);
     assert!(refused(&node, Method::GaussSeidel).contains("GMRES or Jacobi"));

@@ -21,11 +21,7 @@ pub(crate) struct Exchange {
 }
 
 impl Exchange {
-    fn array<'py>(
-        &self,
-        py: Python<'py>,
-        value: impl Fn(usize, usize, usize) -> f64,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn array<'py>(&self, py: Python<'py>, value: impl Fn(usize, usize, usize) -> f64) -> PyResult<Bound<'py, PyAny>> {
         let (bands, count) = (self.factors.gebhart.len(), self.network.len());
         let mut flat = Vec::with_capacity(bands * count * (count + 1));
         for band in 0..bands {
@@ -90,7 +86,9 @@ impl Exchange {
     /// Radiative conductances σ A_i F_ij in W/K⁴, for heat σ A_i F_ij (T_i⁴ − T_j⁴).
     #[getter]
     fn conductances<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.array(py, |band, from, to| self.factors.conductance(&self.network, band, from, to))
+        self.array(py, |band, from, to| {
+            self.factors.conductance(&self.network, band, from, to)
+        })
     }
 
     /// Surfaces that see each other, and their exchange area A_i F_ij: (i, j, area), i ≤ j. 1 / area is the resistance
@@ -114,7 +112,7 @@ impl Exchange {
     }
 }
 
-/// Gebhart factors, total exchange areas and conductances between the surfaces of a matrix, as the program's `exchange`.
+/// Gebhart factors, total exchange areas and conductances between the surfaces of a matrix: the program's `exchange`.
 ///
 /// `properties` are those of `solve_heat`; `emissivity` is a number, or one for each of its `bands`. `by` is 'object',
 /// 'material', 'face' or 'patch'.

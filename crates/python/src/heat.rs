@@ -28,7 +28,9 @@ pub(crate) fn kelvin(given: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
     }
     let kelvin: f64 = given.extract()?;
     if kelvin.is_nan() {
-        return Err(errors::input(format!("`{name}` is NaN; a temperature in kelvin is needed")));
+        return Err(errors::input(format!(
+            "`{name}` is NaN; a temperature in kelvin is needed"
+        )));
     }
     if !(0.0..=KELVIN_MAX).contains(&kelvin) {
         return Err(errors::input(format!(
@@ -132,8 +134,17 @@ pub(crate) fn solve(
         None => heat.surround(&[(ambient, &rows.escaped)]),
         Some((ground, below)) => {
             // Shares of a sky of its own resolution may exceed what escapes by the matrix.
-            let below: Vec<f64> = below.iter().zip(&rows.escaped).map(|(below, all)| below.min(*all)).collect();
-            let above: Vec<f64> = rows.escaped.iter().zip(&below).map(|(all, below)| all - below).collect();
+            let below: Vec<f64> = below
+                .iter()
+                .zip(&rows.escaped)
+                .map(|(below, all)| below.min(*all))
+                .collect();
+            let above: Vec<f64> = rows
+                .escaped
+                .iter()
+                .zip(&below)
+                .map(|(all, below)| all - below)
+                .collect();
             heat.surround(&[(ambient, &above), (*ground, &below)]);
         }
     }
@@ -160,7 +171,12 @@ pub(crate) fn solve(
         );
         let text = CString::new(text.replace('\0', " ")).unwrap_or_default();
         PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
-        for (kelvin, _) in found.temperature.iter_mut().zip(&open.patches).filter(|(_, open)| **open) {
+        for (kelvin, _) in found
+            .temperature
+            .iter_mut()
+            .zip(&open.patches)
+            .filter(|(_, open)| **open)
+        {
             *kelvin = f64::NAN;
         }
     }

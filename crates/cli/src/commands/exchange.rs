@@ -172,7 +172,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             by: arguments.by,
             surfaces: network.len(),
             bands: &bands,
-            reciprocity: (0..bands.len()).map(|band| exchange.reciprocity(&network, band)).collect(),
+            reciprocity: (0..bands.len())
+                .map(|band| exchange.reciprocity(&network, band))
+                .collect(),
             conservation,
             enclosures: sizes.filter(|size| *size > 1).collect(),
             products: exchange.products,
@@ -219,14 +221,17 @@ fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64
             format!("{least} to {most}")
         };
         let surfaces = counted(number as u64, "surface");
-        list.add("emissivity", format!("of {surfaces} as the scene's file has it: {range}"));
+        list.add(
+            "emissivity",
+            format!("of {surfaces} as the scene's file has it: {range}"),
+        );
     }
     for (band, name) in found.bands.iter().enumerate() {
         list.add(
             &format!("conservation of {name}"),
             format!(
-                "each row of Gebhart factors adds up to 1 within {}; A[i] script-F[i, j] and A[j] script-F[j, i] differ \
-                 by {}",
+                "each row of Gebhart factors adds up to 1 within {}; A[i] script-F[i, j] and A[j] script-F[j, i] \
+                 differ by {}",
                 figures(exchange.conservation(band)),
                 percent(exchange.reciprocity(network, band))
             ),
@@ -244,7 +249,10 @@ fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64
         list.add("enclosures", format!("{more} more"));
     }
     if alone > 0 {
-        list.add("alone", format!("{} that see no other", counted(alone as u64, "surface")));
+        list.add(
+            "alone",
+            format!("{} that see no other", counted(alone as u64, "surface")),
+        );
     }
     let mut text = list.text();
     if network.len() <= SQUARE_MAX && found.bands.len() == 1 {

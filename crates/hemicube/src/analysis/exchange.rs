@@ -11,9 +11,9 @@
 //! 1 / (A_i F_ij)                           resistance between two radiosities
 //! ```
 //!
-//! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]); what leaves
-//! the scene is absorbed by the surroundings, the last column. Then Σ_j G_ij + G_i,surroundings = 1 by construction, and
-//! A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and [`Exchange::reciprocity`] measure
+//! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]). The
+//! surroundings, the last column, absorb all that leaves the scene. Then Σ_j G_ij + G_i,surroundings = 1 by
+//! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and [`Exchange::reciprocity`] measure
 //! both.
 //!
 //! A column of G is the irradiance where surface j alone emits ε_j: [`solve`] finds some tens of them at once, by
@@ -64,8 +64,8 @@ impl Network {
     pub fn new(store: &Store, by: Option<GroupBy>) -> Result<Self, SolveError> {
         let too_many = |count: usize| {
             Err(SolveError::Problem(format!(
-                "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two of them would take {} GB; \
-                 take larger ones: by object or material",
+                "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two would take {} GB; take \
+                 larger ones: by object or material",
                 count.saturating_mul(count) / 125_000_000
             )))
         };
@@ -84,7 +84,10 @@ impl Network {
         let (_, of_patch) = super::zones::zones_of(&table, super::zones::names_of(store.manifest()), by);
         Ok(Self::built(
             zones.iter().map(|zone| zone.name.clone()).collect(),
-            zones.iter().map(|zone| (zone.area, zone.patches, zone.escaped)).collect(),
+            zones
+                .iter()
+                .map(|zone| (zone.area, zone.patches, zone.escaped))
+                .collect(),
             of_patch,
             &rows,
         ))
@@ -97,9 +100,7 @@ impl Network {
         for row in store.rows()? {
             let (patch, row) = row?;
             let entries = row.indices.iter().zip(&row.data);
-            rows[patch.0 as usize] = entries
-                .map(|(&column, &factor)| (column, f64::from(factor)))
-                .collect();
+            rows[patch.0 as usize] = entries.map(|(&column, &factor)| (column, f64::from(factor))).collect();
         }
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let measures = (table.area.iter().zip(&lost.escaped)).map(|(&area, &escaped)| (area, 1, known(escaped)));
@@ -112,12 +113,7 @@ impl Network {
     }
 
     /// A network of area, number of patches and escaped share of each surface, and its rows.
-    fn built(
-        names: Vec<String>,
-        measures: Vec<(f64, u32, f64)>,
-        of_patch: Vec<u32>,
-        rows: &[Vec<(u32, f64)>],
-    ) -> Self {
+    fn built(names: Vec<String>, measures: Vec<(f64, u32, f64)>, of_patch: Vec<u32>, rows: &[Vec<(u32, f64)>]) -> Self {
         let mut part = Part {
             indptr: vec![0],
             ..Part::default()
@@ -262,7 +258,9 @@ impl Exchange {
             return Err(SolveError::Problem(format!("emissivities are not of {count} surfaces")));
         }
         if let Some(bad) = emissivity.iter().flatten().find(|value| !(0.0..=1.0).contains(*value)) {
-            return Err(SolveError::Problem(format!("an emissivity is {bad}; it is from 0 to 1")));
+            return Err(SolveError::Problem(format!(
+                "an emissivity is {bad}; it is from 0 to 1"
+            )));
         }
         let mut exchange = Self {
             emissivity: emissivity.to_vec(),
@@ -346,10 +344,18 @@ fn columns(
         reflectance: Block::from_fn(count, 1, |surface, _| 1.0 - emissivity[surface]),
         bands: vec![0; width],
         emission: Block::from_fn(count, width, |surface, at| {
-            if column(at) == surface { emissivity[surface] } else { 0.0 }
+            if column(at) == surface {
+                emissivity[surface]
+            } else {
+                0.0
+            }
         }),
         outside: Some(Block::from_fn(count, width, |surface, at| {
-            if column(at) == count { network.escaped[surface] } else { 0.0 }
+            if column(at) == count {
+                network.escaped[surface]
+            } else {
+                0.0
+            }
         })),
         returned: Some(network.returned.clone()),
     };
@@ -381,7 +387,11 @@ mod tests {
             .iter()
             .map(|row| (0..).zip(row).map(|(to, &factor)| (to, factor)).collect())
             .collect();
-        let measures = area.iter().zip(escaped).map(|(&area, &escaped)| (area, 1, escaped)).collect();
+        let measures = area
+            .iter()
+            .zip(escaped)
+            .map(|(&area, &escaped)| (area, 1, escaped))
+            .collect();
         let names = (0..area.len()).map(|surface| format!("s{surface}")).collect();
         Network::built(names, measures, (0..).take(area.len()).collect(), &rows)
     }

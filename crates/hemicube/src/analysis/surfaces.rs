@@ -115,10 +115,13 @@ pub fn heat_by_surface(
         surface.radiosity = mean(surface.radiosity);
         surface.irradiance = mean(surface.irradiance);
         // Without area there is no mean; rounding does not leave what is between the ends.
-        surface.temperature = surface.temperature.filter(|_| surface.area > 0.0).map(|[sum, least, most]| {
-            let mean = mean(sum).powf(0.25).clamp(least, most);
-            [mean, least, most]
-        });
+        surface.temperature = surface
+            .temperature
+            .filter(|_| surface.area > 0.0)
+            .map(|[sum, least, most]| {
+                let mean = mean(sum).powf(0.25).clamp(least, most);
+                [mean, least, most]
+            });
         surface.mean_of_kelvin = (surface.mean_of_kelvin.zip(surface.temperature))
             .map(|(sum, [_, least, most])| mean(sum).clamp(least, most));
         if surface.heat > 0.0 {

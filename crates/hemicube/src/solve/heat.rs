@@ -18,8 +18,8 @@
 //! does not add up to 0 heats it for ever, and heat that does leaves its level open. Both are refused.
 
 use super::{
-    Block, Condition, Coupling, Enclosures, Factors, Method, Named, Node, Problem, STEFAN_BOLTZMANN, Solution, SolveError,
-    SolveOptions, Step, Thermal, solve_coupled,
+    Block, Condition, Coupling, Enclosures, Factors, Method, Named, Node, Problem, STEFAN_BOLTZMANN, Solution,
+    SolveError, SolveOptions, Step, Thermal, solve_coupled,
 };
 use crate::store::RowTable;
 
@@ -141,7 +141,9 @@ impl Heat {
         };
         Ok(Self {
             area: area.to_vec(),
-            emissivity: (0..area.len()).map(|patch| of(patch).emissivity.unwrap_or(0.0)).collect(),
+            emissivity: (0..area.len())
+                .map(|patch| of(patch).emissivity.unwrap_or(0.0))
+                .collect(),
             given: (0..area.len()).map(given).collect(),
             nodes,
             outside: None,
@@ -234,13 +236,13 @@ impl Heat {
             let names = names_in(found, |other| other as usize == enclosure, named);
             let reason = if is_balanced {
                 format!(
-                    "the enclosure of {names} is closed, and no surface of it has a temperature: its given heat adds up \
-                     to 0, and leaves the level of all its temperatures open"
+                    "the enclosure of {names} is closed, and no surface of it has a temperature: its given heat adds \
+                     up to 0, and leaves the level of all its temperatures open"
                 )
             } else {
                 format!(
-                    "the enclosure of {names} is closed, no surface of it has a temperature, and its given heat adds up \
-                     to {:.4e} W, not to 0: it would grow warmer, or colder, for ever",
+                    "the enclosure of {names} is closed, no surface of it has a temperature, and its given heat adds \
+                     up to {:.4e} W, not to 0: it would grow warmer, or colder, for ever",
                     heat[enclosure]
                 )
             };
@@ -249,7 +251,10 @@ impl Heat {
             )));
         }
         let names = names_in(found, |enclosure| undetermined[enclosure as usize], named);
-        let patches = found.of_patch().iter().map(|&enclosure| undetermined[enclosure as usize]);
+        let patches = found
+            .of_patch()
+            .iter()
+            .map(|&enclosure| undetermined[enclosure as usize]);
         Ok(Undetermined {
             patches: patches.collect(),
             names,
@@ -292,10 +297,17 @@ impl Heat {
 
     fn check(&self, patches: usize) -> Result<(), SolveError> {
         let wrong = |reason: String| Err(SolveError::Problem(reason));
-        let lengths = [self.area.len(), self.emissivity.len(), self.given.len(), self.returned.len()];
+        let lengths = [
+            self.area.len(),
+            self.emissivity.len(),
+            self.given.len(),
+            self.returned.len(),
+        ];
         let outside = self.outside.as_ref().map_or(patches, Vec::len);
         if lengths.iter().chain([&outside]).any(|&length| length != patches) {
-            return wrong(format!("areas, emissivities and conditions are not of the matrix's {patches} patches"));
+            return wrong(format!(
+                "areas, emissivities and conditions are not of the matrix's {patches} patches"
+            ));
         }
         if let Some(bad) = self.emissivity.iter().find(|value| !(0.0..=1.0).contains(*value)) {
             return wrong(format!("an emissivity is {bad}; it is from 0 to 1"));
@@ -309,7 +321,9 @@ impl Heat {
                     return wrong(format!("a temperature is {kelvin}; it is in kelvin, from 0 on"));
                 }
                 Given::Flux(flux) if flux != 0.0 && self.emissivity[patch] == 0.0 => {
-                    return wrong(format!("patch {patch} has a flux of {flux} W/m² and an emissivity of 0"));
+                    return wrong(format!(
+                        "patch {patch} has a flux of {flux} W/m² and an emissivity of 0"
+                    ));
                 }
                 Given::Node(node) if node as usize >= self.nodes.len() => {
                     return wrong(format!("patch {patch} is of surface {node}, which has no heat"));
@@ -395,7 +409,9 @@ fn names_in(found: &Enclosures, is_meant: impl Fn(u32) -> bool, named: Named<'_>
         let of_object = name(named.objects, named.object).is_some();
         let index = if of_object { key.0 } else { key.1 };
         let list = if of_object { named.objects } else { named.materials };
-        let name = index.and_then(|&index| list.get(index as usize)).map_or("", String::as_str);
+        let name = index
+            .and_then(|&index| list.get(index as usize))
+            .map_or("", String::as_str);
         if names.contains(&name) {
             continue;
         }
@@ -479,7 +495,10 @@ mod tests {
     use crate::solve::{InMemory, enclosures};
 
     fn named() -> (Vec<String>, Vec<String>) {
-        (["hot", "cold", "far"].map(str::to_owned).to_vec(), vec!["stuff".to_owned()])
+        (
+            ["hot", "cold", "far"].map(str::to_owned).to_vec(),
+            vec!["stuff".to_owned()],
+        )
     }
 
     fn judged(given: [Given; 3], nodes: &[f64], escaped: [f64; 3]) -> Result<Undetermined, SolveError> {
@@ -511,7 +530,10 @@ mod tests {
         };
         let (flux, far) = (Given::Flux, Given::Temperature(300.0));
         let reason = refused([flux(5.0), flux(-4.0), far], &[], [0.0; 3]);
-        assert!(reason.contains("`hot`, `cold`") && reason.contains("2.0000e0 W, not to 0"), "{reason}");
+        assert!(
+            reason.contains("`hot`, `cold`") && reason.contains("2.0000e0 W, not to 0"),
+            "{reason}"
+        );
         let reason = refused([flux(5.0), flux(-5.0), far], &[], [0.0; 3]);
         assert!(reason.contains("open"), "{reason}");
         let reason = refused([Given::Node(0), flux(0.0), far], &[7.0], [0.0; 3]);
@@ -523,7 +545,10 @@ mod tests {
         assert!(judged([Given::Node(0), flux(1.0), Given::Node(0)], &[7.0], [0.0, 0.0, 1.0]).is_ok());
         // Adiabatic beside others: said, not refused.
         let found = judged([far, far, flux(0.0)], &[], [0.0; 3]).expect("others have temperatures");
-        assert_eq!((found.patches, found.names.as_str()), (vec![false, false, true], "`far`"));
+        assert_eq!(
+            (found.patches, found.names.as_str()),
+            (vec![false, false, true], "`far`")
+        );
     }
 
     #[test]
@@ -538,6 +563,9 @@ mod tests {
             returned: vec![0.0; 2],
         };
         let refused = solve_heat(&plates, &heat, SolveOptions::default(), &mut |_| true);
-        assert!(matches!(refused, Err(SolveError::Impossible { patch: 1, count: 1 })), "{refused:?}");
+        assert!(
+            matches!(refused, Err(SolveError::Impossible { patch: 1, count: 1 })),
+            "{refused:?}"
+        );
     }
 }

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Of each patch at most one table of objects and one of materials hold: that of the exact name, otherwise the matching
-//! pattern with most characters besides `*` and `?`. Two such patterns are an error. Each value is the object's table's,
-//! otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition (`temperature`,
+//! pattern with most characters besides `*` and `?`. Two such patterns are an error. Each value is the object's
+//! table's, otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition (`temperature`,
 //! `adiabatic`, `flux`, `heat`, `isothermal`) is one value.
 //!
 //! A table holds for each name that it matches by itself: `heat` is each surface's, and an isothermal pattern makes one
@@ -202,7 +202,7 @@ pub struct Named<'a> {
     pub material: &'a [u32],
 }
 
-/// Where a value comes from.
+/// The table of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Level {
     Object,
@@ -557,7 +557,7 @@ impl Properties {
         ))
     }
 
-    /// How many objects or materials with patches take their emissivity from the scene, and the least and greatest.
+    /// Number of objects or materials with emissivities of the scene, and the least and greatest of these.
     pub fn emissivities_of_scene(&self) -> Option<(usize, f64, f64)> {
         let values = self.kinds.iter().filter(|kind| kind.is_used);
         let values = values.filter(|kind| kind.entry.emissivity.is_none());
@@ -766,7 +766,9 @@ fn check_conditions(tables: &Tables) -> Result<()> {
             ));
         }
         if let Some(bad) = entry.flux.iter().chain(&entry.heat).find(|value| !value.is_finite()) {
-            return Err(PropertyError::new(format!("`{table}` has a flux of {bad}; it is a finite number")));
+            return Err(PropertyError::new(format!(
+                "`{table}` has a flux of {bad}; it is a finite number"
+            )));
         }
     }
     Ok(())
@@ -917,7 +919,9 @@ fn kinds(
     };
     #[allow(clippy::cast_possible_truncation, reason = "patches are counted by u32")]
     if !has_objects {
-        let mut kinds: Vec<Kind> = (0..named.materials.len() as u32).map(|material| make(None, material)).collect();
+        let mut kinds: Vec<Kind> = (0..named.materials.len() as u32)
+            .map(|material| make(None, material))
+            .collect();
         for &material in named.material {
             if let Some(kind) = kinds.get_mut(material as usize) {
                 kind.is_used = true;
@@ -1018,7 +1022,10 @@ mod tests {
         let steps = [
             ("", ""),
             ("", "\"facade*\": {\"temperature\": 2}"),
-            ("", "\"facade_a\": {\"temperature\": 3}, \"facade*\": {\"temperature\": 2}"),
+            (
+                "",
+                "\"facade_a\": {\"temperature\": 3}, \"facade*\": {\"temperature\": 2}",
+            ),
             ("\"Zone*\": {\"temperature\": 4}", "\"facade_a\": {\"temperature\": 3}"),
             (
                 "\"Zone*\": {\"temperature\": 4}, \"Zone 3*\": {\"temperature\": 5}",
@@ -1030,7 +1037,11 @@ mod tests {
             ),
         ];
         for (wanted, (object, material)) in (1..).zip(steps) {
-            assert_eq!(kelvin(&with(object, material), 1), f64::from(wanted), "{object} {material}");
+            assert_eq!(
+                kelvin(&with(object, material), 1),
+                f64::from(wanted),
+                "{object} {material}"
+            );
         }
         // An object's table leaves what it does not say to the material's.
         let both = with("\"Zone*\": {\"temperature\": 4}", "\"facade_a\": {\"emissivity\": 0.2}");
@@ -1064,7 +1075,11 @@ mod tests {
     fn what_matches_nothing_is_answered_by_what_there_is() {
         let error = read("{\"object\": {\"flor\": {}}}").expect_err("no such object");
         assert!(error.reason.contains("`flor` matches no object"), "{error}");
-        assert!(error.step.is_some_and(|step| step.contains("`floor`, `Zone 3 / wall 1`")));
+        assert!(
+            error
+                .step
+                .is_some_and(|step| step.contains("`floor`, `Zone 3 / wall 1`"))
+        );
         let error = read("{\"material\": {\"wite\": {}}}").expect_err("no such material");
         let step = error.step.expect("a step");
         assert!(error.reason.contains("`wite` matches no material"));
@@ -1091,7 +1106,11 @@ mod tests {
         assert!(thermal("{\"default\": {\"emissivity\": 0.9, \"temperature\": -3}}").contains("-3 K"));
         assert!(thermal("{\"default\": {\"emissivity\": 1.9, \"temperature\": 3}}").contains("1.9"));
         assert!(thermal("{\"default\": {\"emissivity\": [0.1, 0.2, 0.3], \"temperature\": 3}}").contains("grey"));
-        for wrong in ["{\"temperature\": \"20 F\"}", "{\"temperature\": \"warm\"}", "{\"flus\": 3}"] {
+        for wrong in [
+            "{\"temperature\": \"20 F\"}",
+            "{\"temperature\": \"warm\"}",
+            "{\"flus\": 3}",
+        ] {
             assert!(serde_json::from_str::<Entry>(wrong).is_err(), "{wrong}");
         }
     }

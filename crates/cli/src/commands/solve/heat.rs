@@ -12,8 +12,8 @@ use hemicube::analysis::exchange::Network;
 use hemicube::analysis::surfaces::heat_by_surface;
 use hemicube::sky::StoredSky;
 use hemicube::solve::{
-    Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Properties, SolveError, SolveOptions, Step, Thermal,
-    Problem, Solution, Undetermined, enclosures, solve_heat,
+    Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Problem, Properties, Solution, SolveError,
+    SolveOptions, Step, Thermal, Undetermined, enclosures, solve_heat,
 };
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
@@ -109,9 +109,9 @@ impl Exchange {
             }
         }
         let of_scene = properties.emissivities_of_scene();
-        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network;
+        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network.is_some();
         let is_new = is_asked || properties.has_objects() || heat.is_mixed() || ground.is_some() || of_scene.is_some();
-        let by = match arguments.by {
+        let by = match arguments.by.or(arguments.network) {
             None if !is_new => None,
             None if !is_asked && !properties.has_objects() => Some(By::Material),
             given => Some(given.unwrap_or(By::Object)),
@@ -121,13 +121,15 @@ impl Exchange {
             has && kind.is_used && kind.emissivity != Some(0.0)
         };
         let manifest = store.manifest().clone();
-        let network = match by.filter(|_| arguments.network) {
+        let network = match arguments.network {
             None => None,
             Some(by) => {
                 let network = Network::new(store, Some(by.group()))?;
                 let of_surfaces = network.heat(&heat).map_err(|name| {
                     hinted(
-                        anyhow!("the patches of `{name}` have several conditions or emissivities, and a surface has one"),
+                        anyhow!(
+                            "the patches of `{name}` have several conditions or emissivities, and a surface has one"
+                        ),
                         "give its object one in a table `[object.\"…\"]`, or take smaller surfaces: `--by face`",
                     )
                 })?;
@@ -246,7 +248,11 @@ impl Exchange {
             Some((network, heat)) => match solve_heat(&network.factors, heat, options, progress) {
                 Ok(found) => Ok(spread(network, found)),
                 Err(SolveError::Impossible { patch: surface, count }) => Err(SolveError::Impossible {
-                    patch: network.of_patch.iter().position(|&of| of as usize == surface).unwrap_or(0),
+                    patch: network
+                        .of_patch
+                        .iter()
+                        .position(|&of| of as usize == surface)
+                        .unwrap_or(0),
                     count,
                 }),
                 Err(error) => Err(error),
@@ -261,7 +267,10 @@ impl Exchange {
         }
         let mut left: Vec<(f64, usize)> = (0..self.thermal.len()).map(|kind| (0.0, kind)).collect();
         for (patch, &kind) in self.kind_of_patch.iter().enumerate() {
-            let (sent, received) = (found.solution.radiosity.of(patch)[0], found.solution.irradiance.of(patch)[0]);
+            let (sent, received) = (
+                found.solution.radiosity.of(patch)[0],
+                found.solution.irradiance.of(patch)[0],
+            );
             let reflected = found.problem.reflectance.of(patch)[0] * received;
             let off = found.problem.emission.of(patch)[0] + reflected - sent;
             left[kind as usize].0 += self.heat.area[patch] * off.abs();
@@ -347,7 +356,10 @@ fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Resul
     let share = |row: usize| {
         let (columns, shares) = sky.row(row);
         // Column 0 is the ground.
-        let ground = columns.iter().position(|&column| column == 0).map_or(0.0, |at| shares[at]);
+        let ground = columns
+            .iter()
+            .position(|&column| column == 0)
+            .map_or(0.0, |at| shares[at]);
         let whole: f64 = shares.iter().sum();
         let escaped = escaped[row];
         // A sky of a resolution of its own loses another share: the part of it below the horizon is what counts.
