@@ -106,9 +106,9 @@ fn objects_have_properties_and_heat_adds_up() {
         .is(0)
         .says(&["no material is called `floor`"]);
     assert!(
-        ran.out.contains("\nfloor    32       30.000") && ran.out.contains("closed"),
+        ran.err.contains("\nfloor    32       30.000") && ran.err.contains("closed"),
         "{}",
-        ran.out
+        ran.err
     );
     let csv = std::fs::read_to_string(place.path("by.csv")).expect("a table");
     let heat: f64 = csv
@@ -126,7 +126,7 @@ fn objects_have_properties_and_heat_adds_up() {
     // A file without anything new says what it said before.
     place.write("plain.toml", "[default]\nemissivity = 0.9\ntemperature = 300\n");
     let ran = place.line("solve room --thermal --materials plain.toml").is(0);
-    assert!(!ran.out.contains("heat, W"), "{}", ran.out);
+    assert!(!ran.err.contains("heat, W"), "{}", ran.err);
     let record = std::fs::read_to_string(place.path("room/solutions/thermal/solution.json")).expect("a report");
     assert!(
         !record.contains("by_surface") && !record.contains("isothermal"),
@@ -202,9 +202,10 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
     place.write(
         "m.toml",
         "[default]\nemissivity = 0.9\n[object.floor]\nflux = 40\n[object.ceiling]\nadiabatic = true\n[object.east]\n\
-         temperature = \"5 °C\"\n[object.\"*st\"]\nisothermal = true\n[object.\"*th\"]\nisothermal = true\nheat = -50\n",
+         temperature = \"5 °C\"\n[object.\"*st\"]\nisothermal = true\n\
+         [object.\"*th\"]\nheat = -50\nisothermal = true\n",
     );
-    for extra in ["", "--method jacobi", "--network"] {
+    for extra in ["", "--method jacobi", "--network object"] {
         let (found, json) = surfaces(&place, &format!("solve room --thermal --materials m.toml {extra}"));
         for (name, heat) in [
             ("floor", 1200.0),
@@ -227,7 +228,7 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
             );
         }
         let [_, least, most] = found["floor"].1;
-        assert_eq!(extra == "--network", least == most, "{extra}: {least} to {most}");
+        assert_eq!(extra == "--network object", least == most, "{extra}: {least} to {most}");
     }
     // Everything with one temperature, the rest floating: nothing flows.
     place.write(
@@ -274,15 +275,13 @@ fn a_printed_file_is_what_holds() {
 #[test]
 fn sky_and_ground_have_temperatures_of_their_own() {
     let place = Place::new();
-    // A plate seen from both sides, level, one metre wide.
+    // Two level plates that look away from each other, one metre wide.
     place.write(
         "plate.obj",
-        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\no top\nf 1 2 3 4\no bottom\nf 4 3 2 1\n",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 -1\nv 1 0 -1\nv 1 1 -1\nv 0 1 -1\no top\nf 1 2 3 4\no bottom\nf 8 7 6 5\n",
     );
-    place
-        .line("compute plate.obj --keep-duplicates on --two-sided off -o plate --quiet")
-        .is(0);
-    place.line("sky plate.obj --keep-duplicates on --two-sided off --up z --store plate --quiet");
+    place.line("compute plate.obj -o plate --quiet").is(0);
+    place.line("sky plate.obj --up z --store plate --quiet");
     place.write(
         "m.toml",
         "[default]\nemissivity = 0.8\ntemperature = 300\n[object.bottom]\nadiabatic = true\n",
@@ -334,9 +333,9 @@ fn the_fields_cases_are_right() {
     );
     let ran = place.line("solve zone --thermal --materials t.toml").is(0);
     assert!(
-        ran.out.contains("of 6 surfaces as the scene's file has it: 0.95"),
+        ran.err.contains("of 6 surfaces as the scene's file has it: 0.95"),
         "{}",
-        ran.out
+        ran.err
     );
     let (own, _) = surfaces(&place, "solve zone --thermal --materials t.toml");
     assert!((own["Floor"].0 / found["Floor"].0 - 1.0).abs() < 1e-9);
@@ -364,15 +363,23 @@ fn prism(place: &Place, case: &str) {
     };
     // One radiosity a side: 640.68 and 598.77 K, for which a 3 × 3 system is enough.
     near(
-        solved("--materials free.toml --network"),
+        solved("--materials free.toml --network material"),
         [640.68, 598.77],
         0.5,
         "a network",
     );
     // One temperature a side, radiosities of strips of 0.5 m.
     near(solved("--materials iso.toml"), [642.6, 599.6], 0.5, "isothermal");
-    // Strips of 1 m and of 0.5 m have 652.6 and 653.7, 604.6 and 605.2 K; triangles of half a strip lie between.
-    near(solved("--materials free.toml"), [653.15, 604.9], 0.6, "free");
+    // Faces of 1 m.
+    near(
+        solved("--materials free.toml --network face"),
+        [652.62, 604.64],
+        0.5,
+        "free",
+    );
+    // Strips of 1 m, of 0.5 m and in the limit have 652.6, 653.7 and 654.2, and 604.6, 605.2 and 605.6 K; triangles of
+    // half a face lie between.
+    near(solved("--materials free.toml"), [653.4, 605.1], 0.8, "triangles");
 }
 
 #[test]
@@ -412,7 +419,7 @@ fn exchange_is_conserved_and_reproduces_the_solution() {
         .sum();
     let (found, _) = surfaces(
         &place,
-        "solve room --thermal --materials m.toml --network --tolerance 1e-10",
+        "solve room --thermal --materials m.toml --network object --tolerance 1e-10",
     );
     assert!(
         (heat / found["floor"].0 - 1.0).abs() < 1e-5,
@@ -462,4 +469,18 @@ fn exchange_is_conserved_and_reproduces_the_solution() {
         &[".csv, .json or .npz"],
     );
     refused(&place, "exchange room --materials m.toml -o x.csv", &["--overwrite"]);
+}
+
+#[test]
+fn light_is_given_by_objects_too() {
+    let place = room();
+    place.write(
+        "l.toml",
+        "bands = [\"all\"]\n[default]\nreflectance = 0.5\n[object.floor]\nemission = 2\nreflectance = 0.2\n",
+    );
+    let report = place.line("solve room --materials l.toml --json").is(0).json();
+    let emitted = report["balance"][0]["emitted"].as_f64().expect("a number");
+    assert!((emitted - 60.0).abs() < 1e-9, "2 W/m² of 30 m²: {emitted}");
+    assert_eq!(report["surfaces"]["light"][0]["object"], "floor");
+    assert_eq!(report["surfaces"]["light"][1]["reflectance"][0], 0.5);
 }

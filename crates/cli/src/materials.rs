@@ -29,6 +29,18 @@ use hemicube_scene::{Material, ReadOptions};
 use std::fmt::Write as _;
 use std::path::Path;
 
+/// The table of defaults in a file to begin with: all keys, commented out.
+const BEGINNING: &str = "\
+[default]
+# reflectance = 0.5       # from 0 to 1, one number or one a band; emission: from 0 on, likewise
+# emissivity = 0.9        # from 0 to 1
+# temperature = \"20 °C\"   # or kelvin: 293.15; or one of these:
+# flux = 100              # net flux, W/m²
+# heat = 100              # net heat of the whole surface, W
+# adiabatic = true        # no net flux on any patch
+# isothermal = true       # one unknown temperature; with flux or heat, otherwise with none in all
+";
+
 /// Reads the properties of a matrix's patches from `scene` and from the TOML file `path`.
 ///
 /// # Errors
@@ -108,13 +120,7 @@ pub(crate) fn file_of(properties: &Properties, of: &Path) -> String {
     );
     let bands: Vec<String> = properties.bands().iter().map(|band| quoted(band)).collect();
     let _ = writeln!(text, "bands = [{}]\n", bands.join(", "));
-    text.push_str(
-        "[default]\n# reflectance = 0.5       # from 0 to 1, one number or one a band; emission: likewise\n# emissivity = \
-         0.9       # from 0 to 1\n# temperature = \"20 °C\"   # or kelvin: 293.15; or one of these:\n# flux = 100             \
-         # net flux, W/m²\n# heat = 100             # net heat of the whole surface, W\n# adiabatic = true       # no \
-         net flux on any patch\n# isothermal = true      # one unknown temperature; with flux or heat, otherwise with \
-         none in all\n",
-    );
+    text.push_str(BEGINNING);
     for table in properties.tables() {
         table_of(&table, &mut text);
     }

@@ -112,7 +112,7 @@ impl Exchange {
     }
 }
 
-/// Gebhart factors, total exchange areas and conductances between the surfaces of a matrix, as the program's `exchange`.
+/// Gebhart factors, total exchange areas and conductances between the surfaces of a matrix: the program's `exchange`.
 ///
 /// `properties` are those of `solve_heat`; `emissivity` is a number, or one for each of its `bands`. `by` is 'object',
 /// 'material', 'face' or 'patch'.

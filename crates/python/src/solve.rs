@@ -349,15 +349,15 @@ fn warn_unconverged(py: Python<'_>, solved: &Solved) -> PyResult<()> {
 ///
 /// Either `properties`, a dictionary as the program's file of materials (docs/heat.md): `{"default": {"emissivity":
 /// 0.9, "temperature": "20 °C"}, "object": {"floor": {"flux": 40}, "Zone 3*": {"heat": 500, "isothermal": True}},
-/// "material": {…}}`, with the conditions `temperature`, `adiabatic`, `flux` (W/m²), `heat` (W in all) and `isothermal`.
+/// "material": {…}}`, with the conditions `temperature`, `adiabatic`, `flux` (W/m²), `heat` (W) and `isothermal`.
 ///
 /// Or arrays: `emissivity` is a number or (n,), from 0 to 1; `temperature` in kelvin a number, (n,), or (n, k) for k
 /// right-hand sides at once. NaN is an adiabatic patch: it sends what it receives, whatever its emissivity, and its
 /// temperature is found.
 ///
 /// What leaves the scene goes to, and comes from, surroundings at `ambient`, in kelvin or as '20 °C'; 0 is cold space.
-/// `ground`, with `properties`, is the temperature of what lies below the horizon, and `below_horizon` (n,) the share of
-/// each patch's view that ends there, such as `sky(scene).ground`. The other keywords are those of `solve`.
+/// `ground`, with `properties`, is the temperature of what lies below the horizon, and `below_horizon` (n,) the share
+/// of each patch's view that ends there, such as `sky(scene).ground`. The other keywords are those of `solve`.
 #[pyfunction]
 #[pyo3(signature = (
     matrix, emissivity=None, temperature=None, *, properties=None, ambient=None, ground=None, below_horizon=None,

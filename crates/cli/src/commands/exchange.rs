@@ -230,8 +230,8 @@ fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64
         list.add(
             &format!("conservation of {name}"),
             format!(
-                "each row of Gebhart factors adds up to 1 within {}; A[i] script-F[i, j] and A[j] script-F[j, i] differ \
-                 by {}",
+                "each row of Gebhart factors adds up to 1 within {}; A[i] script-F[i, j] and A[j] script-F[j, i] \
+                 differ by {}",
                 figures(exchange.conservation(band)),
                 percent(exchange.reciprocity(network, band))
             ),

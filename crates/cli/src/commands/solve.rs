@@ -130,7 +130,7 @@ pub(crate) struct Arguments {
     /// Write the solution to FILE too: .npz or .csv (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
-    /// Show heat, flux and temperature by surface [default with `--surfaces`: object]
+    /// Show heat, flux and temperature by surface [default with `--surfaces`: object; with `--network`: its own]
     #[arg(
         long,
         value_name = "object|material|face",
@@ -138,10 +138,15 @@ pub(crate) struct Arguments {
         hide_possible_values = true
     )]
     pub(crate) by: Option<surfaces::By>,
-    /// Take each surface of `--by` for one of a textbook: one radiosity, one temperature, and form factors between
-    /// surfaces as a whole
-    #[arg(long, requires = "thermal")]
-    pub(crate) network: bool,
+    /// Solve for surfaces instead of patches, as textbooks do: each object, material or face has one radiosity, one
+    /// temperature, and form factors as a whole
+    #[arg(
+        long,
+        value_name = "object|material|face",
+        requires = "thermal",
+        hide_possible_values = true
+    )]
+    pub(crate) network: Option<surfaces::By>,
     /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
     #[arg(long, value_name = "FILE", requires = "thermal")]
     pub(crate) surfaces: Vec<PathBuf>,
@@ -368,7 +373,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     if !record.converged {
         talk.warn(&format!(
-            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect all{}",
+            "the residual did not reach {}; allow more with `--max-iterations`, or look for surfaces that reflect \
+             all{}",
             figures(record.tolerance),
             record.unsettled.as_deref().unwrap_or_default()
         ));

@@ -11,9 +11,9 @@
 //! 1 / (A_i F_ij)                           resistance between two radiosities
 //! ```
 //!
-//! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]); what leaves
-//! the scene is absorbed by the surroundings, the last column. Then Σ_j G_ij + G_i,surroundings = 1 by construction, and
-//! A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and [`Exchange::reciprocity`] measure
+//! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]). The
+//! surroundings, the last column, absorb all that leaves the scene. Then Σ_j G_ij + G_i,surroundings = 1 by
+//! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and [`Exchange::reciprocity`] measure
 //! both.
 //!
 //! A column of G is the irradiance where surface j alone emits ε_j: [`solve`] finds some tens of them at once, by
@@ -64,8 +64,8 @@ impl Network {
     pub fn new(store: &Store, by: Option<GroupBy>) -> Result<Self, SolveError> {
         let too_many = |count: usize| {
             Err(SolveError::Problem(format!(
-                "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two of them would take {} GB; \
-                 take larger ones: by object or material",
+                "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two would take {} GB; take \
+                 larger ones: by object or material",
                 count.saturating_mul(count) / 125_000_000
             )))
         };

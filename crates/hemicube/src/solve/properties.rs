@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Of each patch at most one table of objects and one of materials hold: that of the exact name, otherwise the matching
-//! pattern with most characters besides `*` and `?`. Two such patterns are an error. Each value is the object's table's,
-//! otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition (`temperature`,
+//! pattern with most characters besides `*` and `?`. Two such patterns are an error. Each value is the object's
+//! table's, otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition (`temperature`,
 //! `adiabatic`, `flux`, `heat`, `isothermal`) is one value.
 //!
 //! A table holds for each name that it matches by itself: `heat` is each surface's, and an isothermal pattern makes one
@@ -202,7 +202,7 @@ pub struct Named<'a> {
     pub material: &'a [u32],
 }
 
-/// Where a value comes from.
+/// The table of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Level {
     Object,
@@ -557,7 +557,7 @@ impl Properties {
         ))
     }
 
-    /// How many objects or materials with patches take their emissivity from the scene, and the least and greatest.
+    /// Number of objects or materials with emissivities of the scene, and the least and greatest of these.
     pub fn emissivities_of_scene(&self) -> Option<(usize, f64, f64)> {
         let values = self.kinds.iter().filter(|kind| kind.is_used);
         let values = values.filter(|kind| kind.entry.emissivity.is_none());

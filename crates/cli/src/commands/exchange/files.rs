@@ -143,7 +143,7 @@ impl Found<'_> {
         writeln!(out)
     }
 
-    /// Arrays: `names` is JSON in UTF-8; `gebhart`, `exchange_area` and `conductance` are (bands, N, N + 1).
+    /// Arrays: `names` is JSON in UTF-8; `gebhart` and `exchange_area` are (bands, N, N + 1).
     fn npz(&self, path: &Path) -> Result<()> {
         let network = self.network;
         let (bands, count) = (self.bands.len(), network.len());
@@ -159,13 +159,10 @@ impl Found<'_> {
             &self.exchange.emissivity.concat(),
         )?;
         let shape = [bands as u64, count as u64, count as u64 + 1];
-        let values: [(&str, &dyn Fn(usize, usize, usize) -> f64); 3] = [
+        let values: [(&str, &dyn Fn(usize, usize, usize) -> f64); 2] = [
             ("gebhart", &|band, from, to| self.exchange.gebhart(band, from, to)),
             ("exchange_area", &|band, from, to| {
                 self.exchange.area(network, band, from, to)
-            }),
-            ("conductance", &|band, from, to| {
-                self.exchange.conductance(network, band, from, to)
             }),
         ];
         for (name, value) in values {

@@ -109,9 +109,9 @@ impl Exchange {
             }
         }
         let of_scene = properties.emissivities_of_scene();
-        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network;
+        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network.is_some();
         let is_new = is_asked || properties.has_objects() || heat.is_mixed() || ground.is_some() || of_scene.is_some();
-        let by = match arguments.by {
+        let by = match arguments.by.or(arguments.network) {
             None if !is_new => None,
             None if !is_asked && !properties.has_objects() => Some(By::Material),
             given => Some(given.unwrap_or(By::Object)),
@@ -121,7 +121,7 @@ impl Exchange {
             has && kind.is_used && kind.emissivity != Some(0.0)
         };
         let manifest = store.manifest().clone();
-        let network = match by.filter(|_| arguments.network) {
+        let network = match arguments.network {
             None => None,
             Some(by) => {
                 let network = Network::new(store, Some(by.group()))?;

@@ -14,6 +14,8 @@ use std::path::Path;
 
 /// Surfaces in the table on the terminal; the others are in the files.
 const SURFACES_SHOWN: usize = 40;
+/// Heat below this part of all that flows is shown as 0.
+const ROUNDING: f64 = 1e-9;
 /// Enclosures named.
 const ENCLOSURES_SHOWN: usize = 6;
 /// Names of an enclosure.
@@ -148,14 +150,23 @@ impl Results {
             "most, K",
             "radiosity, W/m²",
         ];
+        // What is rounding beside the heat that flows is none.
+        let least = ROUNDING * self.balance.given_off.max(-self.balance.taken_up);
+        let heat = |heat: f64, scale: f64| {
+            if heat.abs() <= least {
+                "0".to_owned()
+            } else {
+                five(heat / scale)
+            }
+        };
         let rows = places.iter().map(|&place| {
             let surface = &self.surfaces[place];
             [
                 name_of(&surface.name),
                 count(surface.patches.into()),
                 five(surface.area),
-                five(surface.heat),
-                five(surface.flux),
+                heat(surface.heat, 1.0),
+                heat(surface.heat, surface.area),
                 kelvin(surface, 0),
                 kelvin(surface, 1),
                 kelvin(surface, 2),
@@ -236,7 +247,8 @@ impl Results {
     /// The surfaces and, last, the surroundings: heat adds up to the error.
     fn csv(&self) -> String {
         let mut text = format!(
-            "{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,mean_of_K,radiosity_W_per_m2,irradiance_W_per_m2\n",
+            "{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,mean_of_K,radiosity_W_per_m2,\
+             irradiance_W_per_m2\n",
             self.by.name()
         );
         for surface in &self.surfaces {
