@@ -91,6 +91,7 @@ const GIVEN: &[(&str, &str)] = &[
          hemicube generate room --patches 1000 -o room.obj
          hemicube compute room.obj -o room.hemicube",
     ),
+    ("docs/surfaces.md", "hemicube generate room --patches 1000 -o room.obj"),
     (
         "docs/report.md",
         "hemicube generate city --patches 1000 -o city.obj
@@ -188,6 +189,7 @@ page_tests! {
     wrong_scenes: "docs/wrong-scenes.md",
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
+    surfaces: "docs/surfaces.md",
     light: "docs/light.md",
     report: "docs/report.md",
     formats: "docs/formats.md",

@@ -53,7 +53,9 @@ fn holds_however_it_is_cut(scene: &str, cuts: &[&str], expected: &[(&str, &str, 
     place.write("scene.obj", scene);
     for cut in cuts {
         place
-            .line(&format!("compute scene.obj -o F --overwrite -q --patches object --tolerance 0.01% {cut}"))
+            .line(&format!(
+                "compute scene.obj -o F --overwrite -q --patches object --tolerance 0.01% {cut}"
+            ))
             .is(0);
         place.line("check F -q").is(0);
         let found = table(&place, "F", "object");
@@ -63,7 +65,10 @@ fn holds_however_it_is_cut(scene: &str, cuts: &[&str], expected: &[(&str, &str, 
         assert!(error < 1e-4, "`{cut}`: {error:e}, {found:?}");
         for (from, to, factor) in expected {
             let off = found[*from][*to] - factor;
-            assert!(off.abs() < 1e-4 * factor.max(0.1), "`{cut}`: {from} to {to} is off by {off:e}");
+            assert!(
+                off.abs() < 1e-4 * factor.max(0.1),
+                "`{cut}`: {from} to {to} is off by {off:e}"
+            );
         }
     }
 }
@@ -73,8 +78,15 @@ const SIDES: [&str; 6] = ["floor", "ceiling", "west", "east", "south", "north"];
 #[test]
 fn a_cube_has_six_surfaces_however_it_is_cut() {
     let faces = box_inside(DVec3::ONE);
-    let surfaces: Vec<_> = SIDES.into_iter().zip(faces).map(|(name, face)| (name, vec![face.to_vec()])).collect();
-    let (opposite, beside) = (parallel_rectangles(1.0, 1.0, 1.0), perpendicular_rectangles(1.0, 1.0, 1.0));
+    let surfaces: Vec<_> = SIDES
+        .into_iter()
+        .zip(faces)
+        .map(|(name, face)| (name, vec![face.to_vec()]))
+        .collect();
+    let (opposite, beside) = (
+        parallel_rectangles(1.0, 1.0, 1.0),
+        perpendicular_rectangles(1.0, 1.0, 1.0),
+    );
     let mut expected = Vec::new();
     for (i, from) in SIDES.into_iter().enumerate() {
         for (j, to) in SIDES.into_iter().enumerate() {
@@ -104,7 +116,11 @@ fn hinged_plates_and_a_prism_have_their_closed_forms() {
     let between = |from: &[DVec3], to: &[DVec3]| between_polygons(from, to);
     let plates = obj(&[("bottom", vec![bottom.clone()]), ("left", vec![left.clone()])]);
     let factor = between(&bottom, &left);
-    let expected = [("bottom", "left", factor), ("left", "bottom", factor), ("left", "left", 0.0)];
+    let expected = [
+        ("bottom", "left", factor),
+        ("left", "bottom", factor),
+        ("left", "left", 0.0),
+    ];
     holds_however_it_is_cut(&plates, &["", "--split 3"], &expected);
     let prism = obj(&[
         ("sides", vec![bottom.clone(), right.clone(), left.clone()]),
@@ -131,7 +147,11 @@ fn cylinder(sides: u32, height: f64) -> String {
         flipped([low[k], low[next], high[next], high[k]]).to_vec()
     });
     let top: Vec<DVec3> = high.iter().rev().copied().collect();
-    obj(&[("bottom", vec![low.clone()]), ("around", around.collect()), ("top", vec![top])])
+    obj(&[
+        ("bottom", vec![low.clone()]),
+        ("around", around.collect()),
+        ("top", vec![top]),
+    ])
 }
 
 #[test]
@@ -155,7 +175,8 @@ fn a_cylinder_sees_itself() {
 /// A closed room of n × n quads a side with a box of quads on its floor.
 fn quads(n: u32) -> String {
     let grid = |[a, b, _, d]: [DVec3; 4]| {
-        let at = move |i: u32, j: u32| a + (b - a) * (f64::from(i) / f64::from(n)) + (d - a) * (f64::from(j) / f64::from(n));
+        let at =
+            move |i: u32, j: u32| a + (b - a) * (f64::from(i) / f64::from(n)) + (d - a) * (f64::from(j) / f64::from(n));
         let cell = move |k: u32| {
             let (i, j) = (k / n, k % n);
             vec![at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]
@@ -218,13 +239,17 @@ fn quads_are_the_aggregate_of_their_triangles() {
 
 #[test]
 fn a_city_by_object_and_by_material_is_the_aggregate_of_its_triangles() {
-    let Some(scenes) = scenes_or_skip("patches") else { return };
+    let Some(scenes) = scenes_or_skip("patches") else {
+        return;
+    };
     let place = Place::new();
     let city = scenes.join("city/denhaag-8897.obj").display().to_string();
     let settings = "--correction pixel --resolution 64 -q";
     place.line(&format!("compute {city} -o triangles {settings}")).is(0);
     for kind in ["object", "material"] {
-        place.line(&format!("compute {city} -o by-{kind} --patches {kind} {settings}")).is(0);
+        place
+            .line(&format!("compute {city} -o by-{kind} --patches {kind} {settings}"))
+            .is(0);
         let by = format!("by-{kind}");
         let worst = difference(&table(&place, &by, kind), &table(&place, "triangles", kind));
         say(&format!("denhaag-8897 by {kind}: {worst:e} off the aggregate"));
@@ -237,7 +262,9 @@ const CITY: &str = "compute city.obj --patches object --correction pixel --resol
 
 fn city(patches: u32) -> Place {
     let place = Place::new();
-    place.line(&format!("generate city --patches {patches} --seed 3 -o city.obj")).is(0);
+    place
+        .line(&format!("generate city --patches {patches} --seed 3 -o city.obj"))
+        .is(0);
     place
 }
 
@@ -259,7 +286,9 @@ fn threads_batches_shards_and_kills_change_no_byte() {
         let mut child = place.spawn(place.command(&format!("{CITY} {form} -o killed --threads 1")));
         let parts = place.path("killed/parts");
         let has_parts = || std::fs::read_dir(&parts).is_ok_and(|found| found.count() > 2);
-        until("a part is written", || has_parts() || child.try_wait().expect("a child").is_some());
+        until("a part is written", || {
+            has_parts() || child.try_wait().expect("a child").is_some()
+        });
         let _ = Command::new("kill").args(["-KILL", &child.id().to_string()]).status();
         finish(child);
         let resumed = run("-o killed --threads 2");
@@ -268,9 +297,14 @@ fn threads_batches_shards_and_kills_change_no_byte() {
         std::fs::remove_dir_all(place.path("killed")).expect("removed");
     }
     // The manifests of triangles know nothing of it.
-    place.line("compute city.obj --patches triangle --rows 0..9 -q -o plain").is(0);
+    place
+        .line("compute city.obj --patches triangle --rows 0..9 -q -o plain")
+        .is(0);
     let manifest = std::fs::read_to_string(place.path("plain/manifest.json")).expect("a manifest");
-    assert!(!manifest.contains("elements") && manifest.contains("\"version\": 2"), "{manifest}");
+    assert!(
+        !manifest.contains("elements") && manifest.contains("\"version\": 2"),
+        "{manifest}"
+    );
 }
 
 #[test]
@@ -289,7 +323,9 @@ fn rows_of_patches_are_chosen_by_patch() {
     let floor = &few["floor"];
     assert!((floor["block"] / all["floor"]["block"] - 1.0).abs() < ROUNDING && floor["west"] == 0.0);
     assert!((floor["block"] + floor["unselected"] + floor["blocked"] + floor["escaped"] - 1.0).abs() < 0.01);
-    compute("-o no --patches object -q --rows 3..8").is(2).says(&["the scene has 7 patches"]);
+    compute("-o no --patches object -q --rows 3..8")
+        .is(2)
+        .says(&["the scene has 7 patches"]);
     compute("-o no --patches material -q --emitters of_west").is(0);
     compute("-o no --patches material -q --emitters block --occluders wes*").is(0);
     compute("-o no --patches object --rows 0..1 -q --emitters nothing").is(2);
@@ -303,29 +339,52 @@ fn what_needs_triangles_or_one_material_says_so() {
     let text = quads(1).replacen("usemtl of_ceiling", "usemtl of_floor", 1);
     let (before, after) = text.split_once("o block\n").expect("a block");
     let (first, rest) = after.split_once("\nf ").expect("a face");
-    let mixed = format!("{before}o block\n{first}\nf {}", rest.replacen("\nv ", "\nusemtl other\nv ", 1));
+    let mixed = format!(
+        "{before}o block\n{first}\nf {}",
+        rest.replacen("\nv ", "\nusemtl other\nv ", 1)
+    );
     place.write("room.obj", &mixed);
     place.line("compute room.obj -o objects --patches object -q").is(0);
-    place.line("compute room.obj -o no --patches object --emitters other -q").is(2).says(&[
-        "`--emitters`",
-        "of the object `block`",
-        "--patches face",
-    ]);
-    place.line("export objects x.csv --by material").is(2).says(&["matrix of patches by object", "by material"]);
-    place.line("solve objects").is(2).says(&["`block`", "several materials", "--patches face"]);
-    place.line("report objects room.obj -o x.html").is(2).says(&["triangles", "hemicube export"]);
-    place.line("sky room.obj --store objects --up z").is(2).says(&["triangles", "--output"]);
-    place.line("view hemicube room.obj --store objects -o x.png").is(2).says(&["one triangle"]);
+    place
+        .line("compute room.obj -o no --patches object --emitters other -q")
+        .is(2)
+        .says(&["`--emitters`", "of the object `block`", "--patches face"]);
+    place
+        .line("export objects x.csv --by material")
+        .is(2)
+        .says(&["matrix of patches by object", "by material"]);
+    place
+        .line("solve objects")
+        .is(2)
+        .says(&["`block`", "several materials", "--patches face"]);
+    place
+        .line("report objects room.obj -o x.html")
+        .is(2)
+        .says(&["triangles", "hemicube export"]);
+    place
+        .line("sky room.obj --store objects --up z")
+        .is(2)
+        .says(&["triangles", "--output"]);
+    place
+        .line("view hemicube room.obj --store objects -o x.png")
+        .is(2)
+        .says(&["one triangle"]);
     // Another scene, and another kind.
     place.write("other.obj", quads(2));
-    place.line("export objects x.vtp --scene other.obj").is(2).says(&["is not the scene"]);
+    place
+        .line("export objects x.vtp --scene other.obj")
+        .is(2)
+        .says(&["is not the scene"]);
     place
         .line("compute room.obj -o objects -q")
         .is(2)
         .says(&["it was computed with `--patches object`, and here it is without"]);
     // By material everything has one.
     place.line("compute room.obj -o materials --patches material -q").is(0);
-    place.write("m.toml", "[default]\nreflectance = 0.5\n[material.other]\nemission = 1\n");
+    place.write(
+        "m.toml",
+        "[default]\nreflectance = 0.5\n[material.other]\nemission = 1\n",
+    );
     let solved = place.line("solve materials --materials m.toml -o light.csv");
     assert_eq!(solved.code, Some(0), "{}", solved.err);
     let light = std::fs::read_to_string(place.path("light.csv")).expect("a table");
@@ -336,9 +395,13 @@ fn what_needs_triangles_or_one_material_says_so() {
 fn values_of_patches_are_on_all_of_their_triangles() {
     let place = Place::new();
     place.write("room.obj", quads(2));
-    place.line("compute room.obj -o objects --patches object --split 2 -q").is(0);
+    place
+        .line("compute room.obj -o objects --patches object --split 2 -q")
+        .is(0);
     place.line("export objects patches.csv -q --patches").is(0);
-    place.line("export objects triangles.csv --scene room.obj -q --patches").is(0);
+    place
+        .line("export objects triangles.csv --scene room.obj -q --patches")
+        .is(0);
     let read = |name: &str| std::fs::read_to_string(place.path(name)).expect("a table");
     let (patches, triangles) = (read("patches.csv"), read("triangles.csv"));
     assert_eq!(patches.lines().count(), 1 + 7);
@@ -347,19 +410,26 @@ fn values_of_patches_are_on_all_of_their_triangles() {
     let column = |text: &str, name: &str| -> Vec<String> {
         let header: Vec<&str> = text.lines().next().expect("a header").split(',').collect();
         let at = header.iter().position(|found| *found == name).expect("a column");
-        text.lines().skip(1).map(|line| line.split(',').nth(at).expect("a cell").to_owned()).collect()
+        text.lines()
+            .skip(1)
+            .map(|line| line.split(',').nth(at).expect("a cell").to_owned())
+            .collect()
     };
     let sums = column(&patches, "row_sum");
     for (patch, sum) in column(&triangles, "patch").iter().zip(column(&triangles, "row_sum")) {
         assert_eq!(sum, sums[patch.parse::<usize>().expect("a patch")]);
     }
     for file in ["x.vtp", "x.vtu", "x.ply", "x.glb"] {
-        place.line(&format!("export objects {file} --scene room.obj -q --up z")).is(0);
+        place
+            .line(&format!("export objects {file} --scene room.obj -q --up z"))
+            .is(0);
     }
     let view = "view model objects room.obj --show row --patch 6 -o x.png --up z --eye 0.3,0.3,0.8 --look-at 1.5,1,0.3";
     place.line(view).is(0);
     place.line("view sparsity objects -o s.png").is(0);
-    place.line("balance objects -o balanced --closure --reciprocity -q").is(0);
+    place
+        .line("balance objects -o balanced --closure --reciprocity -q")
+        .is(0);
     place.line("check balanced -q --closure 1e-5 --reciprocity 1e-5").is(0);
     place.line("compare balanced objects -q").is(0);
 }

@@ -37,9 +37,7 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
     };
     let each = pieces.map(|pieces| pieces * pieces).filter(|&each| each > 0);
     let elements = store.manifest().elements();
-    if each.is_none_or(|each| !elements.is_multiple_of(each))
-        || !(scale > 0.0 && scale.is_finite())
-    {
+    if each.is_none_or(|each| !elements.is_multiple_of(each)) || !(scale > 0.0 && scale.is_finite()) {
         bail!(
             "`{}` says that its scene was scaled by {scale} and cut by {}, which does not come to its {elements} \
              patches: it is damaged",

@@ -100,7 +100,8 @@ fn keep_whole(rows: &mut Vec<ReferenceRow>, groups: &Groups, drawn: &[InputPatch
     let mut missing = vec![0_i64; groups.grouping.len()];
     let patch_of = |element: InputPatch| groups.grouping.patch_of(element).0 as usize;
     drawn.iter().for_each(|&element| missing[patch_of(element)] += 1);
-    rows.iter().for_each(|row| missing[patch_of(InputPatch(row.emitter))] -= 1);
+    rows.iter()
+        .for_each(|row| missing[patch_of(InputPatch(row.emitter))] -= 1);
     rows.retain(|row| missing[patch_of(InputPatch(row.emitter))] == 0);
 }
 

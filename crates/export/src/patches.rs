@@ -2,9 +2,9 @@
 
 use crate::{Error, Result};
 use glam::DVec3;
-use hemicube::{Grouping, InputPatch};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{PatchTable, Store};
+use hemicube::{Grouping, InputPatch};
 use hemicube_scene::{Axis, Patches};
 use serde::Serialize;
 use serde_json::Value;
@@ -354,7 +354,10 @@ fn of_names(mut values: Vec<u32>, names: &[String]) -> Values {
     if values.contains(&PatchTable::SEVERAL) {
         let several = u32::try_from(names.len()).unwrap_or(PatchTable::SEVERAL);
         names.push("(several)".to_owned());
-        values.iter_mut().filter(|value| **value == PatchTable::SEVERAL).for_each(|value| *value = several);
+        values
+            .iter_mut()
+            .filter(|value| **value == PatchTable::SEVERAL)
+            .for_each(|value| *value = several);
     }
     Values::Named(values, names)
 }

@@ -153,7 +153,11 @@ impl Grouping {
 
     /// The elements of some patches, in input order within each: O(elements).
     pub fn elements_of(&self, patches: &[InputPatch]) -> Vec<Vec<InputPatch>> {
-        let place: HashMap<u32, usize> = patches.iter().enumerate().map(|(place, patch)| (patch.0, place)).collect();
+        let place: HashMap<u32, usize> = patches
+            .iter()
+            .enumerate()
+            .map(|(place, patch)| (patch.0, place))
+            .collect();
         let mut found = vec![Vec::new(); patches.len()];
         for (element, patch) in (0..).zip(&self.patch_of) {
             if let Some(&place) = place.get(patch) {
@@ -223,7 +227,10 @@ mod tests {
     #[test]
     fn objects_of_one_name_are_one_patch_and_sides_of_a_face_are_two() {
         let mut scene = generate::cornell_box();
-        scene.triangles.iter_mut().for_each(|triangle| triangle.two_sided = true);
+        scene
+            .triangles
+            .iter_mut()
+            .for_each(|triangle| triangle.two_sided = true);
         let count = |scene: &Scene, kind| {
             let patches = Patches::new(scene, Subdivision::Split(2)).unwrap();
             Grouping::new(scene, &patches, kind).map(|grouping| grouping.len())

@@ -4,8 +4,8 @@ use crate::errors;
 use crate::matrix::{Matrix, stored};
 use crate::numbers;
 use crate::scene::Scene;
-use hemicube::analysis::zones::{GroupBy, Zone, zones};
 use hemicube::Grouping;
+use hemicube::analysis::zones::{GroupBy, Zone, zones};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{Store, scene_hash};
 use hemicube_export::{

@@ -1153,16 +1153,15 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
                     String::new()
                 },
                 match report.slowest_row {
-                    Some(SlowestRow { patch, seconds }) if seconds > LONG_ROW =>
-                        format!(
-                            "; the slowest row, of {}patch {patch}, took {}",
-                            if report.settings.patches.is_triangle() {
-                                ""
-                            } else {
-                                "a triangle of "
-                            },
-                            duration(seconds)
-                        ),
+                    Some(SlowestRow { patch, seconds }) if seconds > LONG_ROW => format!(
+                        "; the slowest row, of {}patch {patch}, took {}",
+                        if report.settings.patches.is_triangle() {
+                            ""
+                        } else {
+                            "a triangle of "
+                        },
+                        duration(seconds)
+                    ),
                     _ => String::new(),
                 }
             ),

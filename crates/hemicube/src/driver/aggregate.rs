@@ -94,7 +94,8 @@ impl<'a> OpenRow<'a> {
 
     /// Returns whether an element is of another patch than the row.
     pub(super) fn ends_before(&self, element: u32) -> bool {
-        self.patch.is_some_and(|patch| patch != self.grouping.patch_of(InputPatch(element)))
+        self.patch
+            .is_some_and(|patch| patch != self.grouping.patch_of(InputPatch(element)))
     }
 
     /// Adds an element: a row of `part` with added up columns, whose form factors are `factors`.
@@ -156,8 +157,10 @@ impl<'a> OpenRow<'a> {
         });
         part.errors.push(if is_known { error } else { f32::NAN });
         // More than fit are refused by the store: the weights then do not sum to the hemicubes'.
-        part.hemicubes.push(u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX));
-        part.rays.push(u32::try_from(std::mem::take(&mut self.rays)).unwrap_or(u32::MAX));
+        part.hemicubes
+            .push(u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX));
+        part.rays
+            .push(u32::try_from(std::mem::take(&mut self.rays)).unwrap_or(u32::MAX));
         (self.area, self.error) = (0.0, 0.0);
         Some((std::mem::take(&mut self.whole_area), change))
     }

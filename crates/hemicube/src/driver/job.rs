@@ -10,7 +10,6 @@
 //! Whoever opens a store decides between the steps: how many threads the memory allows, whether the disk has room.
 //! [`Job::rows`] and [`Job::store`] take all steps at once.
 
-use crate::{Grouping, Model, PatchKind};
 use crate::accuracy::correct::Correction;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{
@@ -23,6 +22,7 @@ use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::RowSettings;
 use crate::driver::storage_policy::StoragePolicy;
 use crate::store::{Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter};
+use crate::{Grouping, Model, PatchKind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -316,7 +316,9 @@ impl Job {
         if let Some(grouping) = &grouping {
             self.require_whole(&selection, grouping, scene, model)?;
         }
-        let patch_count = grouping.as_ref().map_or(model.patches().len(), |grouping| grouping.len());
+        let patch_count = grouping
+            .as_ref()
+            .map_or(model.patches().len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
         let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance);
         let stage = InStage::begin(observer, Stage::Calibrate);
@@ -346,10 +348,17 @@ impl Job {
         drop(stage);
 
         let _stage = InStage::begin(observer, Stage::Build);
-        let plan = Plan::grouped(model, self.rows, selection, level.samples_per_edge, self.rotate, grouping)
-            .with_correction(level.correction)
-            .with_min_factor(policy.min_factor)
-            .with_form(policy.form);
+        let plan = Plan::grouped(
+            model,
+            self.rows,
+            selection,
+            level.samples_per_edge,
+            self.rotate,
+            grouping,
+        )
+        .with_correction(level.correction)
+        .with_min_factor(policy.min_factor)
+        .with_form(policy.form);
         if plan.rows.is_empty() {
             return Err(JobError::NoRows);
         }

@@ -1,10 +1,10 @@
 //! Plans: the rows to compute, in the order of work, and the parts that they are written in.
 
-use crate::{Grouping, Model};
 use crate::accuracy::correct::Correction;
 use crate::accuracy::grain::Grain;
 use crate::sampling::splitmix;
 use crate::store::Form;
+use crate::{Grouping, Model};
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 
@@ -262,7 +262,9 @@ impl Plan {
 
     /// Number of rows: of patches.
     pub fn row_count(&self) -> usize {
-        self.groups.as_ref().map_or(self.rows.len(), |groups| groups.patches.len())
+        self.groups
+            .as_ref()
+            .map_or(self.rows.len(), |groups| groups.patches.len())
     }
 
     /// Number of parts.

@@ -165,7 +165,10 @@ impl RowSettings {
     ) -> Result<Header, Error> {
         let too_many = |what| Error::unsupported(file, format!("has more {what} than a matrix can have"));
         let name = file.file_name();
-        let patch_count = plan.groups.as_ref().map_or(patches.len(), |groups| groups.grouping.len());
+        let patch_count = plan
+            .groups
+            .as_ref()
+            .map_or(patches.len(), |groups| groups.grouping.len());
         Ok(Header {
             program: PROGRAM.to_owned(),
             scene: SceneEntry {

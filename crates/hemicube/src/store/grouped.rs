@@ -151,7 +151,9 @@ impl PatchTable {
 
     /// The names of all patches of several elements, as of [`Self::name`]; `None` for triangles.
     pub fn names(&self, kind: PatchKind, objects: &[String], materials: &[String]) -> Option<Vec<String>> {
-        (0..self.len()).map(|patch| self.name(patch, kind, objects, materials)).collect()
+        (0..self.len())
+            .map(|patch| self.name(patch, kind, objects, materials))
+            .collect()
     }
 }
 
@@ -195,7 +197,10 @@ mod tests {
             assert_eq!(table.is_flat(patch), !name.ends_with("block"), "{name}");
         }
         assert!(table.material.contains(&0) && table.face.contains(&PatchTable::SEVERAL));
-        let floor = table.object.iter().position(|&object| scene.objects[object as usize] == "floor");
+        let floor = table
+            .object
+            .iter()
+            .position(|&object| scene.objects[object as usize] == "floor");
         assert_eq!(table.normal[floor.unwrap()], [0.0, 1.0, 0.0]);
     }
 }

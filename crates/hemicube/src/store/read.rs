@@ -370,8 +370,7 @@ impl Store {
     /// [`Error::Malformed`] with the first violation.
     pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
         let rows = self.manifest.rows_of_part(part.index) as usize;
-        validate::part(part, rows, &self.manifest)
-            .map_err(|reason| Error::malformed(path, reason))?;
+        validate::part(part, rows, &self.manifest).map_err(|reason| Error::malformed(path, reason))?;
         self.claim(place, path, &part.rows)?;
         self.note(place, found::ENTRIES);
         Ok(())
@@ -683,8 +682,13 @@ pub(super) fn read_patches(path: &Path, npz: &mut Npz, manifest: &Manifest) -> R
         centroid: triples(npz.shaped("centroid", &[count, 3])?),
         normal: triples(npz.shaped("normal", &[count, 3])?),
     };
-    validate::patches(&table, manifest.objects.len(), manifest.materials.len(), manifest.patch_kind())
-        .map_err(|reason| Error::malformed(path, reason))?;
+    validate::patches(
+        &table,
+        manifest.objects.len(),
+        manifest.materials.len(),
+        manifest.patch_kind(),
+    )
+    .map_err(|reason| Error::malformed(path, reason))?;
     Ok(table)
 }
 

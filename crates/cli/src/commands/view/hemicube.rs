@@ -149,7 +149,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             let store = Store::open(store)?;
             let instead = "leave `--store` out, and cut the scene as for the matrix: patches are then its triangles";
             stored::require_triangles(&store, "a hemicube stands on one triangle", instead)?;
-            stored::scene(&store, &arguments.scene, &arguments.engine, arguments.patches.allow_large)?
+            stored::scene(
+                &store,
+                &arguments.scene,
+                &arguments.engine,
+                arguments.patches.allow_large,
+            )?
         }
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels)?,
     };
