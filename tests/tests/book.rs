@@ -110,6 +110,7 @@ const GIVEN: &[(&str, &str)] = &[
            } > room.stl
            hemicube generate city --patches 300 -o city.obj"#,
     ),
+    ("docs/surfaces.md", "hemicube generate room --patches 1000 -o room.obj"),
     (
         "docs/report.md",
         "hemicube generate city --patches 1000 -o city.obj
@@ -208,6 +209,7 @@ page_tests! {
     wrong_scenes: "docs/wrong-scenes.md",
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
+    surfaces: "docs/surfaces.md",
     light: "docs/light.md",
     points: "docs/points.md",
     heat: "docs/heat.md",

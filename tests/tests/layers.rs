@@ -143,6 +143,8 @@ fn modules_use_only_those_above_them() {
     let order = listed(&text);
     assert!(order.len() > 10 && order.contains(&"driver"), "{order:?}");
     let names = BTreeMap::from([
+        ("Grouping", "grouping"),
+        ("PatchKind", "grouping"),
         ("Model", "model"),
         ("HierarchyOptions", "model"),
         ("ModelError", "model"),

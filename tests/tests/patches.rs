@@ -381,6 +381,10 @@ fn what_needs_triangles_or_one_material_says_so() {
         .says(&["it was computed with `--patches object`, and here it is without"]);
     // By material everything has one.
     place.line("compute room.obj -o materials --patches material -q").is(0);
+    place
+        .line("compare objects materials")
+        .is(2)
+        .says(&["by object and by material"]);
     place.write(
         "m.toml",
         "[default]\nreflectance = 0.5\n[material.other]\nemission = 1\n",

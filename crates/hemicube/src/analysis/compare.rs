@@ -186,6 +186,16 @@ pub fn compare_rows(
         reference: reference.path().to_owned(),
         reason,
     };
+    let kind = |matrix: &Matrix| Some(matrix.store()?.manifest().patch_kind());
+    if let (Some(kind), Some(other)) = (kind(matrix), kind(reference))
+        && kind != other
+    {
+        return Err(incomparable(format!(
+            "their patches are by {} and by {}; compute both by the same",
+            kind.name(),
+            other.name()
+        )));
+    }
     let (size, other) = (matrix.patch_count(), reference.patch_count());
     if size != other {
         return Err(incomparable(format!(

@@ -339,3 +339,43 @@ fn reciprocity_of_a_large_matrix_is_measured_on_some_of_its_rows() {
         "{sampled:?} {held:?}"
     );
 }
+
+#[test]
+fn a_patch_sees_itself_only_where_its_elements_lie_in_no_plane() {
+    let of = |kind: Option<&str>, normal: [f64; 3], own: f32| {
+        let directory = tempfile::tempdir().unwrap();
+        let mut sample = sample(3, 3, 16, 30);
+        if let Some(kind) = kind {
+            sample.header.settings["patches"] = kind.into();
+        }
+        sample.patches.normal = vec![normal; 3];
+        let quarter = HEMICUBE_WEIGHT / 4;
+        // More hemicubes than a triangle has, a quarter of each on the next patch and on the patch itself.
+        let hemicubes = if kind.is_some() { 1 << 20 } else { 1 };
+        let sums = hemicube::store::RowSums {
+            visible: 2 * quarter * hemicubes,
+            escaped: 2 * quarter * hemicubes,
+            ..Default::default()
+        };
+        let count = u32::try_from(hemicubes).unwrap();
+        sample.parts = vec![Part {
+            indptr: vec![0, 2, 4, 6],
+            rows: vec![2, 0, 1],
+            indices: vec![1, 2, 0, 1, 1, 2],
+            data: [[0.5 - own, own], [own, 0.5 - own], [own, 0.5 - own]].concat(),
+            sums: vec![sums; 3],
+            shares: vec![RowShares::of_hemicubes(&sums, count); 3],
+            hemicubes: vec![count; 3],
+            errors: vec![f32::NAN; 3],
+            rays: vec![0; 3],
+            ..Part::default()
+        }];
+        sample.write(directory.path());
+        failed(&report(directory.path(), &CheckOptions::default()))
+    };
+    let flat = [0.0, 0.0, 1.0];
+    assert_eq!(of(None, flat, 0.25), [Check::Diagonal]);
+    assert_eq!(of(Some("object"), flat, 0.25), [Check::Diagonal]);
+    assert_eq!(of(Some("object"), flat, 1e-4), []);
+    assert_eq!(of(Some("object"), [0.0; 3], 0.25), []);
+}

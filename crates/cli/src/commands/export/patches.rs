@@ -52,6 +52,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         ));
     }
     let mut results = read(&store, arguments, talk)?;
+    let mut of_line = "patch";
     if let Some(path) = &arguments.scene {
         let prepared = stored::scene(&store, path, &EngineSettings::default(), arguments.allow_large)?;
         let up = if format.is_upright() {
@@ -62,6 +63,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         };
         if let Some(grouping) = &prepared.grouping {
             results.spread(grouping)?;
+            of_line = "triangle";
         }
         results.place(&prepared.patches, up)?;
     }
@@ -86,7 +88,7 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         "`{}`: {}, {} with {}",
         arguments.output().display(),
         size(bytes),
-        counted(results.patch_count() as u64, "patch"),
+        counted(results.patch_count() as u64, of_line),
         columns.join(", ")
     ));
     let legend = results.colors.as_ref().map(|colors| &colors.legend);
