@@ -189,6 +189,7 @@ page_tests! {
     interactive: "docs/interactive.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     light: "docs/light.md",
+    portals: "docs/portals.md",
     report: "docs/report.md",
     formats: "docs/formats.md",
     store: "docs/store.md",

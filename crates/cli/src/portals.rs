@@ -65,7 +65,11 @@ fn axis(text: &str) -> Result<Axis, String> {
 
 fn finite(text: &str) -> Result<f64, String> {
     let number = crate::args::number(text.trim()).map_err(|_| format!("`{text}` is no number"))?;
-    if number.is_finite() { Ok(number) } else { Err(format!("`{text}` is not finite")) }
+    if number.is_finite() {
+        Ok(number)
+    } else {
+        Err(format!("`{text}` is not finite"))
+    }
 }
 
 fn symmetry(text: &str) -> Result<Symmetry, String> {
@@ -77,8 +81,13 @@ fn symmetry(text: &str) -> Result<Symmetry, String> {
 }
 
 fn sector(text: &str) -> Result<Sector, String> {
-    let (name, count) = text.split_once(',').ok_or("an axis and a number are needed, such as `z,12`")?;
-    let count = count.trim().parse().map_err(|_| format!("`{count}` is no number of sectors"))?;
+    let (name, count) = text
+        .split_once(',')
+        .ok_or("an axis and a number are needed, such as `z,12`")?;
+    let count = count
+        .trim()
+        .parse()
+        .map_err(|_| format!("`{count}` is no number of sectors"))?;
     Ok(Sector {
         axis: axis(name)?,
         count,
@@ -87,7 +96,9 @@ fn sector(text: &str) -> Result<Sector, String> {
 
 fn period(text: &str) -> Result<Period, String> {
     let (name, range) = text.split_once('=').ok_or("a period is needed, such as `x=0..100`")?;
-    let (low, high) = range.split_once("..").ok_or("a period has a beginning and an end, such as `x=0..100`")?;
+    let (low, high) = range
+        .split_once("..")
+        .ok_or("a period has a beginning and an end, such as `x=0..100`")?;
     let (low, high) = (finite(low)?, finite(high)?);
     if low < high {
         Ok(Period {
@@ -151,8 +162,14 @@ impl PortalSettings {
             prepared.model = model;
             Some(images)
         };
-        let bound = self.specular_bound.unwrap_or_else(|| tolerance.map_or(1e-4, |tolerance| tolerance / 20.0));
-        let specular = self.specular.as_deref().map(|path| specular(path, prepared, bound)).transpose()?;
+        let bound = self
+            .specular_bound
+            .unwrap_or_else(|| tolerance.map_or(1e-4, |tolerance| tolerance / 20.0));
+        let specular = self
+            .specular
+            .as_deref()
+            .map(|path| specular(path, prepared, bound))
+            .transpose()?;
         Ok(Portals { images, specular })
     }
 }
@@ -167,9 +184,17 @@ fn specular(path: &Path, prepared: &Prepared, bound: f64) -> Result<Specular> {
         hemicube_scene::read_regular_text(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
     let tables: Tables = toml::from_str(&text).map_err(|error: toml::de::Error| {
         let start = error.span().map_or(0, |span| span.start);
-        let line = 1 + text.as_bytes().iter().take(start).filter(|&&byte| byte == b'\n').count();
+        let line = 1 + text
+            .as_bytes()
+            .iter()
+            .take(start)
+            .filter(|&&byte| byte == b'\n')
+            .count();
         let reason = error.message().trim().replace('\n', ", ");
-        anyhow!("{}:{line}: it is no file of mirrors and panes: {reason}", path.display())
+        anyhow!(
+            "{}:{line}: it is no file of mirrors and panes: {reason}",
+            path.display()
+        )
     })?;
     let scene = &prepared.scene;
     let materials: Vec<&str> = scene.materials.iter().map(|material| material.name.as_str()).collect();
@@ -216,8 +241,20 @@ mod tests {
 
     #[test]
     fn planes_sectors_and_periods_are_read_and_others_refused() {
-        assert_eq!(symmetry("y=-2.5"), Ok(Symmetry { axis: Axis::Y, at: -2.5 }));
-        assert_eq!(sector("z,12"), Ok(Sector { axis: Axis::Z, count: 12 }));
+        assert_eq!(
+            symmetry("y=-2.5"),
+            Ok(Symmetry {
+                axis: Axis::Y,
+                at: -2.5
+            })
+        );
+        assert_eq!(
+            sector("z,12"),
+            Ok(Sector {
+                axis: Axis::Z,
+                count: 12
+            })
+        );
         assert_eq!(
             period("x=-1..1e2"),
             Ok(Period {

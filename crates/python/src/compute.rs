@@ -13,9 +13,9 @@ use hemicube::driver::level::Asked;
 use hemicube::store::{Form, PatchTable, Store};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
-use std::sync::Arc;
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// Default pixels along an edge: sums of pixels need more than fractions of them.

@@ -124,13 +124,7 @@ fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &m
 
 /// The first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
 /// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
-pub(crate) fn nearest(
-    tree: &Tree,
-    start: DVec3,
-    end: DVec3,
-    horizon: &Plane,
-    pending: &mut Vec<u32>,
-) -> Option<Met> {
+pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
     let mut first: Option<Met> = None;

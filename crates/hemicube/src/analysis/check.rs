@@ -502,7 +502,9 @@ impl Tally {
             }
             before = column;
             // Also NaN.
-            if !(0.0..=1.0).contains(&factor) && !(self.has_specular && factor >= 0.0 && factor.is_finite()) {
+            // What comes back to a mirror arrives again.
+            let is_of_arrivals = self.has_specular && factor >= 0.0 && factor.is_finite();
+            if !((0.0..=1.0).contains(&factor) || is_of_arrivals) {
                 self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
             }
             if i64::from(column) == i64::from(patch) && factor != 0.0 && !self.has_portals {
@@ -520,7 +522,12 @@ impl Tally {
         *sum += passage.cut_off;
         *largest = largest.max(passage.cut_off);
         let Some(handed_on) = &self.handed_on else { return };
-        let of = |column: i32| usize::try_from(column).ok().and_then(|column| handed_on.get(column)).unwrap_or(&0.0);
+        let of = |column: i32| {
+            usize::try_from(column)
+                .ok()
+                .and_then(|column| handed_on.get(column))
+                .unwrap_or(&0.0)
+        };
         let arrived = columns.iter().zip(factors);
         let expected: f64 = arrived.map(|(&column, &factor)| of(column) * f64::from(factor)).sum();
         if (expected - passage.passed).abs() > PASSED * (1.0 + expected) {

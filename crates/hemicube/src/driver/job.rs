@@ -295,7 +295,11 @@ impl Job {
             receivers: &self.receivers,
             occluders: &self.occluders,
         };
-        let patches = self.portals.images.as_ref().map_or_else(|| model.patches(), Images::cell);
+        let patches = self
+            .portals
+            .images
+            .as_ref()
+            .map_or_else(|| model.patches(), Images::cell);
         let selection = Selection::by_name(scene, patches, names)?;
         self.check_portals(&selection)?;
         let selection = self.with_images(selection, model);
@@ -389,7 +393,9 @@ impl Job {
             ..
         } = self.accuracy
         {
-            return refused("mirrors and panes are not followed by the correction `point`; `pixel` and `area` follow them");
+            return refused(
+                "mirrors and panes are not followed by the correction `point`; `pixel` and `area` follow them",
+            );
         }
         if self.form == Some(Form::Compact) || self.min_factor.is_some_and(|least| least > 0.0) {
             return refused(

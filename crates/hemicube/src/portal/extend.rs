@@ -7,14 +7,14 @@
 //!   what rays alone know keeps its share of the tolerance. Two mirrors that commute, as those of a duct, make one pair
 //!   with one closed form, whatever the order in which they are met.
 //!
-//! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁶ of a tolerance. Paths are cut off
+//! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁵ of a tolerance. Paths are cut off
 //! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
 
 use super::gather::{Column, Found, Gather, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::Through;
 use super::trace::{Ends, MetAt, Ray, Tracer};
-use super::{Images, Portals};
+use super::{Images, Optics, Portals};
 use crate::Model;
 use crate::accuracy::correct::Correction;
 use crate::accuracy::ray_shares;
@@ -38,17 +38,19 @@ const RAY: u64 = 1 << 40;
 const FINE: u64 = 1 << 10;
 /// Rays that a row begins with. A choice.
 const RAYS: usize = 1 << 13;
+/// The share of portals in sight that [`RAYS`] are for, over twice their number.
+const QUARTER: f64 = 0.125 / RAYS as f64;
 /// Rays of a row with a tolerance at most.
 const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
 /// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light.
 const HITS: [f64; 2] = [4.0, 8.0];
 /// Legs of a row, without and with a tolerance.
-const LEGS: [u64; 2] = [1 << 22, 1 << 26];
+const LEGS: [u64; 2] = [1 << 22, 1 << 25];
 /// Pairs of a row measured by segments, without and with a tolerance. Choices.
 const PAIRS: [usize; 2] = [128, 1024];
 /// Segments of a pair at least, and at most without and with a tolerance. Choices.
-const SEGMENTS: (usize, [usize; 2]) = (64, [256, 1 << 16]);
+const SEGMENTS: (usize, [usize; 2]) = (64, [256, 1 << 18]);
 /// Pairs looked at for one that is measured. A choice.
 const LOOKS: usize = 4;
 /// By how much at most what rays know is scaled to the row's sum. A choice.
@@ -132,8 +134,11 @@ impl<'a> Extender<'a> {
         let images = self.portals.images.as_ref();
         let mut passage = Passage::default();
         self.row.clear();
-        let entries = draft.part.indices[draft.start..].iter().zip(&draft.part.data[draft.start..]);
-        self.row.extend(entries.map(|(&patch, &factor)| (patch.cast_unsigned(), f64::from(factor))));
+        let entries = draft.part.indices[draft.start..]
+            .iter()
+            .zip(&draft.part.data[draft.start..]);
+        self.row
+            .extend(entries.map(|(&patch, &factor)| (patch.cast_unsigned(), f64::from(factor))));
         if images.is_some_and(Images::has_curtains) {
             passage.cut_off = self.cut_off(&mut draft);
         }
@@ -167,7 +172,11 @@ impl<'a> Extender<'a> {
             is_kept
         });
         let count = draft.hemicubes.len().max(1) as u64;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the whole")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of the whole"
+        )]
         let weight = (sum * (count * HEMICUBE_WEIGHT) as f64).round() as u64;
         let weight = weight.min(draft.sums.visible);
         draft.sums.visible -= weight;
@@ -182,7 +191,7 @@ impl<'a> Extender<'a> {
 
     /// What the row's patches hand on of what reaches them directly.
     fn sent(&self) -> f64 {
-        let passed = |patch: u32| self.tracer.optics.get(patch as usize).map_or(0.0, super::Optics::passed);
+        let passed = |patch: u32| self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed);
         self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
     }
 
@@ -226,7 +235,9 @@ impl<'a> Extender<'a> {
                         }
                         let up = if face.is_top() { 1.0 } else { 0.0 };
                         let (a, b) = ((f64::from(x) + 0.5) * step - 1.0, (f64::from(y) + 0.5) * step - up);
-                        let Some(towards) = (w + u * a + v * b).try_normalize() else { continue };
+                        let Some(towards) = (w + u * a + v * b).try_normalize() else {
+                            continue;
+                        };
                         let weight = u64::from(table.weight(face, x, y)) * FINE;
                         let ray = Ray {
                             from: hemicube.origin,
@@ -258,7 +269,11 @@ impl<'a> Extender<'a> {
         let whole = (u64::from(WHOLE) * FINE) as f64 * hemicubes.len().max(1) as f64;
         let passed: u64 = ledger.entries.values().map(|found| found.passed).sum();
         Ok(Brought {
-            factors: ledger.sorted().iter().map(|&((_, patch), found)| (patch, found.weight as f64 / whole)).collect(),
+            factors: ledger
+                .sorted()
+                .iter()
+                .map(|&((_, patch), found)| (patch, found.weight as f64 / whole))
+                .collect(),
             lost: [ledger.escaped, ledger.blocked, ledger.unselected, ledger.cut_off].map(|lost| lost as f64 / whole),
             passed: (ledger.sent + passed) as f64 / whole,
             squared_error: 0.0,
@@ -276,10 +291,18 @@ impl<'a> Extender<'a> {
         let level = usize::from(tolerance.is_some());
         self.tracer.legs_max = LEGS[level];
         let mut casts = Casts::new(emitter);
+        let is_portal = |patch: u32| self.tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
+        let seen = self.row.iter().filter(|&&(patch, _)| is_portal(patch));
+        let portals: f64 = seen.map(|&(_, factor)| factor).sum();
+        // As exact with few portals in sight as with a quarter of the view, by fewer rays.
+        let first = (0..3)
+            .map(|half| RAYS >> half)
+            .take_while(|&rays| rays == RAYS || portals < rays as f64 * QUARTER);
+        let first = first.last().unwrap_or(RAYS);
         self.motions.begin();
         self.ledger.clear();
         let permitted = loop {
-            let until = (2 * casts.count).max(RAYS);
+            let until = (2 * casts.count).max(first);
             self.cast(&mut casts, until, &column);
             let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
             let seen = self.ledger.entries.values();
@@ -324,8 +347,13 @@ impl<'a> Extender<'a> {
         scale: f64,
     ) -> Vec<Known> {
         let entries = self.ledger.sorted();
-        let pairs = entries.iter().filter(|(_, found)| f64::from(found.hits) >= HITS[level]).count();
-        let each = permitted.map_or(0.0, |permitted| (0.5 * permitted / pairs.clamp(1, PAIRS[level]) as f64).sqrt());
+        let pairs = entries
+            .iter()
+            .filter(|(_, found)| f64::from(found.hits) >= HITS[level])
+            .count();
+        let each = permitted.map_or(0.0, |permitted| {
+            (0.5 * permitted / pairs.clamp(1, PAIRS[level]) as f64).sqrt()
+        });
         let emitter = casts.emitter;
         let mut measured = 0;
         let mut known = Vec::with_capacity(entries.len());
@@ -416,7 +444,11 @@ impl<'a> Extender<'a> {
     fn enter(&self, draft: &mut Draft<'_>, brought: &Brought, passage: &mut Passage) {
         let whole = draft.hemicubes.len().max(1) as u64 * HEMICUBE_WEIGHT;
         let sent = self.sent();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the whole")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of the whole"
+        )]
         let sent_weight = if self.correction == Correction::Pixel {
             self.ledger.sent / FINE
         } else {
@@ -513,9 +545,10 @@ impl<'e> Casts<'e> {
 
     /// The variance of all pairs that segments do not measure.
     fn rest(&self, entries: &[((MotionId, u32), Found)]) -> f64 {
-        let rest = entries.iter().enumerate().filter(|(place, (_, found))| {
-            *place >= PAIRS[1] || f64::from(found.hits) < HITS[1]
-        });
+        let rest = entries
+            .iter()
+            .enumerate()
+            .filter(|(place, (_, found))| *place >= PAIRS[1] || f64::from(found.hits) < HITS[1]);
         rest.map(|(_, (_, found))| self.variance(found)).sum()
     }
 }

@@ -275,11 +275,16 @@ impl ImageSettings {
             [h] => h / bound,
             _ => f64::INFINITY,
         };
-        let shortest = self.periods.iter().map(|period| period.high - period.low).fold(f64::INFINITY, f64::min);
+        let shortest = self
+            .periods
+            .iter()
+            .map(|period| period.high - period.low)
+            .fold(f64::INFINITY, f64::min);
         let wanted = (distance / shortest).ceil().clamp(1.0, f64::from(REPEATS_MAX));
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let wanted = wanted as u32;
-        let tiles = |repeats: u32| u64::from(2 * repeats + 1).saturating_pow(u32::try_from(self.periods.len()).unwrap_or(3));
+        let tiles =
+            |repeats: u32| u64::from(2 * repeats + 1).saturating_pow(u32::try_from(self.periods.len()).unwrap_or(3));
         let fits = |repeats: &u32| tiles(*repeats).saturating_mul(surfaces) <= SURFACES;
         (1..=wanted).rev().find(fits).unwrap_or(1)
     }
@@ -288,8 +293,10 @@ impl ImageSettings {
     fn motions(&self, repeats: u32) -> Vec<Motion> {
         let mut motions = vec![Motion::IDENTITY];
         let times = |motions: &mut Vec<Motion>, others: &[Motion]| {
-            let further: Vec<Motion> =
-                others.iter().flat_map(|other| motions.iter().map(|motion| other.after(motion))).collect();
+            let further: Vec<Motion> = others
+                .iter()
+                .flat_map(|other| motions.iter().map(|motion| other.after(motion)))
+                .collect();
             motions.extend(further);
         };
         for &Symmetry { axis, at } in &self.symmetry {
@@ -351,7 +358,11 @@ impl ImageSettings {
                 let (a, b) = (corner(low[u], low[v]), corner(high[u], low[v]));
                 let (c, d) = (corner(high[u], high[v]), corner(low[u], high[v]));
                 // u × v looks along the axis: inwards at the low end.
-                curtains.extend(if is_low { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+                curtains.extend(if is_low {
+                    [[a, b, c], [a, c, d]]
+                } else {
+                    [[a, c, b], [a, d, c]]
+                });
             }
         }
         curtains
@@ -400,7 +411,12 @@ impl Images {
             let image = surfaces.iter().zip(&two_sided);
             triangles.extend(image.map(|(&corners, &two_sided)| of(motion.triangle(corners), two_sided)));
         }
-        triangles.extend(settings.curtains(low, high, repeats).into_iter().map(|corners| of(corners, false)));
+        triangles.extend(
+            settings
+                .curtains(low, high, repeats)
+                .into_iter()
+                .map(|corners| of(corners, false)),
+        );
         let whole = Scene {
             triangles,
             ..Scene::default()
@@ -449,7 +465,9 @@ impl Images {
     }
 
     pub(super) fn sector_text(&self) -> Option<String> {
-        self.settings.sector.map(|sector| format!("{},{}", of(sector.axis).0, sector.count))
+        self.settings
+            .sector
+            .map(|sector| format!("{},{}", of(sector.axis).0, sector.count))
     }
 
     pub(super) fn periods_text(&self) -> Vec<String> {

@@ -22,6 +22,9 @@ const UNIT: u64 = 1 << 40;
 /// Distance of an arrival from the point aimed at, in normalised units.
 const AT: f64 = 1e-6;
 
+/// Factor on the error of shares of one dimension more than rays have: measured on a mirror of half the height.
+const CAUTION: f64 = 2.0;
+
 /// A measured share of a closed form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Share {
@@ -139,10 +142,17 @@ impl Through<'_> {
             }
             let share = arrived / sum;
             let all_alike = found.iter().all(|&(_, weight)| (weight - found[0].1).abs() < 1e-9);
-            let squares: f64 = found.iter().map(|&(kernel, weight)| (kernel * (weight - share)).powi(2)).sum();
+            let squares: f64 = found
+                .iter()
+                .map(|&(kernel, weight)| (kernel * (weight - share)).powi(2))
+                .sum();
             let number = found.len() as f64;
             let spread = squares * number / (sum * sum);
-            let error = if all_alike { 0.0 } else { ray_shares::error(spread, count) };
+            let error = if all_alike {
+                0.0
+            } else {
+                CAUTION * ray_shares::error(spread, count)
+            };
             if error <= wanted || count >= self.most || tracer.legs >= tracer.legs_max {
                 return Some(Share {
                     share,

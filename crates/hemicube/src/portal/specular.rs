@@ -75,7 +75,9 @@ pub enum SpecularError {
         name: String,
     },
     /// Nothing of the scene is a mirror or a pane.
-    #[error("no patch of the scene is a mirror or a pane: give a material or an object of it `specular` or `transmittance`")]
+    #[error(
+        "no patch of the scene is a mirror or a pane: give a material or an object of it `specular` or `transmittance`"
+    )]
     None,
 }
 
@@ -96,10 +98,7 @@ impl Specular {
         bound: f64,
     ) -> Result<Self, SpecularError> {
         let mut named = BTreeMap::new();
-        for (of, index_of, values) in [
-            ("material", 0, materials),
-            ("object", 1, objects),
-        ] {
+        for (of, index_of, values) in [("material", 0, materials), ("object", 1, objects)] {
             for (index, optics) in values.iter().enumerate() {
                 let Some(optics) = *optics else { continue };
                 let name = if index_of == 0 {
@@ -125,18 +124,28 @@ impl Specular {
         // Sides of one triangle that let light through; two, where it is two-sided or given both ways.
         let mut sides: HashMap<[[u64; 3]; 3], u32> = HashMap::new();
         let key = |patch| {
-            let mut corners = patches.corners(patch).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
+            let mut corners = patches
+                .corners(patch)
+                .map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
             corners.sort_unstable();
             corners
         };
-        let panes = || patches.iter().zip(&optics).filter(|(_, optics)| optics.transmittance > 0.0);
+        let panes = || {
+            patches
+                .iter()
+                .zip(&optics)
+                .filter(|(_, optics)| optics.transmittance > 0.0)
+        };
         for (patch, _) in panes() {
             *sides.entry(key(patch)).or_default() += 1;
         }
         if let Some((patch, _)) = panes().find(|&(patch, _)| sides.get(&key(patch)) == Some(&1)) {
             let triangle = &scene.triangles[patches.triangle(patch)];
             let object = scene.objects.get(triangle.object as usize).map(String::as_str);
-            let material = scene.materials.get(triangle.material as usize).map(|material| material.name.as_str());
+            let material = scene
+                .materials
+                .get(triangle.material as usize)
+                .map(|material| material.name.as_str());
             let name = [material, object].into_iter().flatten().find(|name| !name.is_empty());
             return Err(SpecularError::OneSided {
                 name: name.unwrap_or("without a name").to_owned(),
@@ -157,12 +166,17 @@ impl Specular {
     pub(super) fn by_patch(&self, images: Option<&Images>, patch_count: u32) -> Vec<Optics> {
         let folded = |patch: u32| images.map_or(Some(patch), |images| images.fold(patch));
         let patches = 0..patch_count;
-        patches.map(|patch| folded(patch).map_or_else(Optics::default, |patch| self.of(patch))).collect()
+        patches
+            .map(|patch| folded(patch).map_or_else(Optics::default, |patch| self.of(patch)))
+            .collect()
     }
 
     /// The patches of the cell that hand on something.
     pub fn portals(&self) -> impl Iterator<Item = u32> + '_ {
-        (0u32..).zip(&self.optics).filter(|(_, optics)| optics.is_portal()).map(|(patch, _)| patch)
+        (0u32..)
+            .zip(&self.optics)
+            .filter(|(_, optics)| optics.is_portal())
+            .map(|(patch, _)| patch)
     }
 
     /// For manifests and reports.

@@ -99,7 +99,6 @@ impl Tracer {
         }
     }
 
-
     /// Follows a path and all its branches. A branch ends at `reach` of length, at `least` of weight, and after
     /// [`PASSES_MAX`] portals.
     pub(super) fn follow(&mut self, first: Ray, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
@@ -133,14 +132,7 @@ impl Tracer {
     }
 
     /// Goes on with a ray at the surface known to be its first.
-    pub(super) fn meet(
-        &mut self,
-        ray: &Ray,
-        met: &MetAt,
-        least: u64,
-        motions: &mut Motions,
-        tally: &mut impl Tally,
-    ) {
+    pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, least: u64, motions: &mut Motions, tally: &mut impl Tally) {
         let at = ray.from + ray.towards * met.distance;
         // The back of a one-sided patch hands on nothing.
         let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
@@ -206,7 +198,11 @@ fn share(weight: u64, of: f64) -> u64 {
     if of >= 1.0 {
         return weight;
     }
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 ≤ share ≤ weight ≤ 2⁴⁸")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 ≤ share ≤ weight ≤ 2⁴⁸"
+    )]
     let share = (weight as f64 * of) as u64;
     share.min(weight)
 }

@@ -398,8 +398,7 @@ impl Store {
     /// [`Error::Malformed`] with the first violation.
     pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
         let rows = self.manifest.rows_of_part(part.index) as usize;
-        validate::part(part, rows, &self.manifest)
-            .map_err(|reason| Error::malformed(path, reason))?;
+        validate::part(part, rows, &self.manifest).map_err(|reason| Error::malformed(path, reason))?;
         self.claim(place, path, &part.rows)?;
         self.note(place, found::ENTRIES);
         Ok(())
