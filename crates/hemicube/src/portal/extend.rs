@@ -36,10 +36,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const RAY: u64 = 1 << 40;
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
-/// Rays that a row begins with. A choice.
-const RAYS: usize = 1 << 13;
-/// The share of portals in sight that [`RAYS`] are for, over twice their number.
-const QUARTER: f64 = 0.125 / RAYS as f64;
+/// Rays that a row begins with, without and with a tolerance. Choices.
+const RAYS: [usize; 2] = [1 << 12, 1 << 13];
+/// The share of portals in sight down to which all of [`RAYS`] are cast; half of them down to half of it. A choice.
+const MANY: f64 = 0.125;
 /// Rays of a row with a tolerance at most.
 const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
@@ -49,8 +49,8 @@ const HITS: [f64; 2] = [4.0, 8.0];
 const LEGS: [u64; 2] = [1 << 22, 1 << 25];
 /// Pairs of a row measured by segments, without and with a tolerance. Choices.
 const PAIRS: [usize; 2] = [128, 1024];
-/// Segments of a pair at least, and at most without and with a tolerance. Choices.
-const SEGMENTS: (usize, [usize; 2]) = (64, [256, 1 << 18]);
+/// Segments of a pair at least and at most, without and with a tolerance. Choices.
+const SEGMENTS: [(usize, usize); 2] = [(16, 64), (64, 1 << 18)];
 /// Pairs looked at for one that is measured. A choice.
 const LOOKS: usize = 4;
 /// By how much at most what rays know is scaled to the row's sum. A choice.
@@ -294,11 +294,9 @@ impl<'a> Extender<'a> {
         let is_portal = |patch: u32| self.tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
         let seen = self.row.iter().filter(|&&(patch, _)| is_portal(patch));
         let portals: f64 = seen.map(|&(_, factor)| factor).sum();
-        // As exact with few portals in sight as with a quarter of the view, by fewer rays.
-        let first = (0..3)
-            .map(|half| RAYS >> half)
-            .take_while(|&rays| rays == RAYS || portals < rays as f64 * QUARTER);
-        let first = first.last().unwrap_or(RAYS);
+        // As exact with few portals in sight as with many, by fewer rays.
+        let halves = (1..3).take_while(|&half| portals < MANY / f64::from(1 << half)).count();
+        let first = RAYS[level] >> halves;
         self.motions.begin();
         self.ledger.clear();
         let permitted = loop {
@@ -375,8 +373,8 @@ impl<'a> Extender<'a> {
                         emitter,
                         motion,
                         patch,
-                        least: SEGMENTS.0,
-                        most: SEGMENTS.1[level],
+                        least: SEGMENTS[level].0,
+                        most: SEGMENTS[level].1,
                         bound: self.bound(),
                     };
                     let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);
