@@ -213,6 +213,7 @@ page_tests! {
     light: "docs/light.md",
     points: "docs/points.md",
     heat: "docs/heat.md",
+    portals: "docs/portals.md",
     report: "docs/report.md",
     formats: "docs/formats.md",
     store: "docs/store.md",

@@ -665,6 +665,12 @@ mod tests {
             "progress-file",
             // For this scene, not for all.
             "allow-large",
+            "specular",
+            "specular-bound",
+            "symmetry",
+            "sector",
+            "periodic",
+            "repeats",
             "help",
             "version",
         ];

@@ -519,7 +519,9 @@ impl Tally {
             }
             before = column;
             // Also NaN.
-            if !(0.0..=1.0).contains(&factor) && !(self.has_specular && factor >= 0.0 && factor.is_finite()) {
+            // What comes back to a mirror arrives again.
+            let is_of_arrivals = self.has_specular && factor >= 0.0 && factor.is_finite();
+            if !((0.0..=1.0).contains(&factor) || is_of_arrivals) {
                 self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
             }
             if i64::from(column) == i64::from(patch) && factor > self.most_of_itself(patch) {

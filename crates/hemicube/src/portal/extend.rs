@@ -7,14 +7,14 @@
 //!   what rays alone know keeps its share of the tolerance. Two mirrors that commute, as those of a duct, make one pair
 //!   with one closed form, whatever the order in which they are met.
 //!
-//! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁶ of a tolerance. Paths are cut off
+//! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁵ of a tolerance. Paths are cut off
 //! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
 
 use super::gather::{Column, Found, Gather, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::Through;
 use super::trace::{Ends, MetAt, Ray, Tracer};
-use super::{Images, Portals};
+use super::{Images, Optics, Portals};
 use crate::Model;
 use crate::accuracy::correct::Correction;
 use crate::accuracy::ray_shares;
@@ -36,19 +36,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const RAY: u64 = 1 << 40;
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
-/// Rays that a row begins with. A choice.
-const RAYS: usize = 1 << 13;
+/// Rays that a row begins with, without and with a tolerance. Choices.
+const RAYS: [usize; 2] = [1 << 12, 1 << 13];
+/// The share of portals in sight down to which all of [`RAYS`] are cast; half of them down to half of it. A choice.
+const MANY: f64 = 0.125;
 /// Rays of a row with a tolerance at most.
 const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
 /// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light.
 const HITS: [f64; 2] = [4.0, 8.0];
 /// Legs of a row, without and with a tolerance.
-const LEGS: [u64; 2] = [1 << 22, 1 << 26];
+const LEGS: [u64; 2] = [1 << 22, 1 << 25];
 /// Pairs of a row measured by segments, without and with a tolerance. Choices.
 const PAIRS: [usize; 2] = [128, 1024];
-/// Segments of a pair at least, and at most without and with a tolerance. Choices.
-const SEGMENTS: (usize, [usize; 2]) = (64, [256, 1 << 16]);
+/// Segments of a pair at least and at most, without and with a tolerance. Choices.
+const SEGMENTS: [(usize, usize); 2] = [(16, 64), (64, 1 << 18)];
 /// Pairs looked at for one that is measured. A choice.
 const LOOKS: usize = 4;
 /// By how much at most what rays know is scaled to the row's sum. A choice.
@@ -189,12 +191,7 @@ impl<'a> Extender<'a> {
 
     /// What the row's patches hand on of what reaches them directly.
     fn sent(&self) -> f64 {
-        let passed = |patch: u32| {
-            self.tracer
-                .optics
-                .get(patch as usize)
-                .map_or(0.0, super::Optics::passed)
-        };
+        let passed = |patch: u32| self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed);
         self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
     }
 
@@ -294,10 +291,16 @@ impl<'a> Extender<'a> {
         let level = usize::from(tolerance.is_some());
         self.tracer.legs_max = LEGS[level];
         let mut casts = Casts::new(emitter);
+        let is_portal = |patch: u32| self.tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
+        let seen = self.row.iter().filter(|&&(patch, _)| is_portal(patch));
+        let portals: f64 = seen.map(|&(_, factor)| factor).sum();
+        // As exact with few portals in sight as with many, by fewer rays.
+        let halves = (1..3).take_while(|&half| portals < MANY / f64::from(1 << half)).count();
+        let first = RAYS[level] >> halves;
         self.motions.begin();
         self.ledger.clear();
         let permitted = loop {
-            let until = (2 * casts.count).max(RAYS);
+            let until = (2 * casts.count).max(first);
             self.cast(&mut casts, until, &column);
             let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
             let seen = self.ledger.entries.values();
@@ -370,8 +373,8 @@ impl<'a> Extender<'a> {
                         emitter,
                         motion,
                         patch,
-                        least: SEGMENTS.0,
-                        most: SEGMENTS.1[level],
+                        least: SEGMENTS[level].0,
+                        most: SEGMENTS[level].1,
                         bound: self.bound(),
                     };
                     let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);

@@ -136,7 +136,8 @@ impl Motions {
         #[allow(clippy::cast_possible_truncation, reason = "saturates; equal motions saturate alike")]
         let cell = at.floor().to_array().map(|x| x as i64);
         for step in 0..27 {
-            let near: [i64; 3] = std::array::from_fn(|k| cell[k].saturating_add(step / 3i64.pow(k as u32) % 3 - 1));
+            let steps = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
+            let near: [i64; 3] = std::array::from_fn(|k| cell[k].saturating_add(steps[k]));
             for &id in self.cells.get(&near).into_iter().flatten() {
                 if self.get(id).distance(&motion) < SAME {
                     return id;

@@ -22,6 +22,9 @@ const UNIT: u64 = 1 << 40;
 /// Distance of an arrival from the point aimed at, in normalised units.
 const AT: f64 = 1e-6;
 
+/// Factor on the error of shares of one dimension more than rays have: measured on a mirror of half the height.
+const CAUTION: f64 = 2.0;
+
 /// A measured share of a closed form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Share {
@@ -148,7 +151,7 @@ impl Through<'_> {
             let error = if all_alike {
                 0.0
             } else {
-                ray_shares::error(spread, count)
+                CAUTION * ray_shares::error(spread, count)
             };
             if error <= wanted || count >= self.most || tracer.legs >= tracer.legs_max {
                 return Some(Share {
