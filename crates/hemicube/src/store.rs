@@ -64,7 +64,7 @@ pub use error::{Error, Result};
 pub use lock::FolderLock;
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
-    VERSION_GROUPED, VERSION_MIN, scene_hash,
+    VERSION_EXTENDED, VERSION_MIN, scene_hash,
 };
 pub use matrix::{F32_COMMENT, Matrix, MatrixRow};
 pub use npy::{Element, ElementType};

@@ -22,9 +22,9 @@ pub const FORMAT: &str = "hemicube-store";
 /// Version of the format, as written for a matrix of triangles.
 pub const VERSION: u32 = 2;
 
-/// Version of the format for patches of several elements, by `settings.patches`: readers of version 2 take rows and
-/// columns for triangles.
-pub const VERSION_GROUPED: u32 = 3;
+/// Version of the format for rows that readers of version 2 misread: of patches of several elements, by
+/// `settings.patches`, or through portals, by `settings.portals`.
+pub const VERSION_EXTENDED: u32 = 3;
 
 /// The oldest version read. Version 1 has no refined shares: its rows take those of their hemicubes.
 pub const VERSION_MIN: u32 = 1;
@@ -82,6 +82,20 @@ impl Header {
     pub fn patch_kind(&self) -> PatchKind {
         kind_of(&self.settings).unwrap_or_default()
     }
+
+    /// The version of the format that the settings ask for.
+    fn version(&self) -> u32 {
+        if self.patch_kind().is_triangle() && !names_portals(&self.settings) {
+            VERSION
+        } else {
+            VERSION_EXTENDED
+        }
+    }
+}
+
+/// Returns whether settings name portals.
+fn names_portals(settings: &Value) -> bool {
+    settings.get("portals").is_some_and(|portals| !portals.is_null())
 }
 
 /// The kind of patches that settings name.
@@ -143,7 +157,7 @@ pub struct PartEntry {
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// From [`VERSION_MIN`] to [`VERSION_GROUPED`].
+    /// From [`VERSION_MIN`] to [`VERSION_EXTENDED`].
     pub version: u32,
     /// Version of the program.
     pub program: String,
@@ -296,11 +310,7 @@ impl Manifest {
     /// The manifest of a store without parts.
     pub(crate) fn new(header: Header) -> Self {
         let part_count = header.part_count();
-        let version = if header.patch_kind().is_triangle() {
-            VERSION
-        } else {
-            VERSION_GROUPED
-        };
+        let version = header.version();
         let settings = sorted(&header.settings);
         Self {
             format: FORMAT.to_owned(),
@@ -466,10 +476,10 @@ impl Manifest {
             return Err("is no manifest of a store".into());
         }
         match fields.get("version").and_then(Value::as_u64) {
-            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION_GROUPED)).contains(&version) => {}
+            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION_EXTENDED)).contains(&version) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION_GROUPED}: use the \
+                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION_EXTENDED}: use the \
                      one that wrote it"
                 ));
             }
@@ -488,14 +498,14 @@ impl Manifest {
     /// Returns whether rows go through portals: mirrors, panes, planes of symmetry, sectors, periods. A row then says
     /// what portals handed on and what was cut off.
     pub fn has_portals(&self) -> bool {
-        self.settings.get("portals").is_some_and(|portals| !portals.is_null())
+        self.version >= VERSION_EXTENDED && names_portals(&self.settings)
     }
 
     /// Returns whether mirrors or panes hand on what arrives at them, so that form factors are of arrivals
     /// ([`Passage`](super::Passage)).
     pub fn has_specular(&self) -> bool {
         let specular = self.settings.get("portals").and_then(|portals| portals.get("specular"));
-        specular.is_some_and(|specular| !specular.is_null())
+        self.has_portals() && specular.is_some_and(|specular| !specular.is_null())
     }
 
     /// ρs + τ of each patch, by the names of the mirrors and panes; `None` without any.
@@ -532,7 +542,7 @@ impl Manifest {
 
     /// Kind of the patches: rows and columns.
     pub fn patch_kind(&self) -> PatchKind {
-        if self.version < VERSION_GROUPED {
+        if self.version < VERSION_EXTENDED {
             return PatchKind::Triangle;
         }
         kind_of(&self.settings).unwrap_or_default()
@@ -555,10 +565,10 @@ impl Manifest {
                 self.row_count, self.patch_count
             ));
         }
-        if (self.version == VERSION_GROUPED) == self.patch_kind().is_triangle() {
+        if (self.version == VERSION_EXTENDED) == (self.patch_kind().is_triangle() && !self.has_portals()) {
             return Err(format!(
-                "has version {} and patches of the kind {}, which cannot be",
-                self.version, self.settings["patches"]
+                "has version {}, patches of the kind {} and the portals {}, which cannot be",
+                self.version, self.settings["patches"], self.settings["portals"]
             ));
         }
         if self.rows_per_part == 0 || self.part_count != self.row_count.div_ceil(self.rows_per_part) {
