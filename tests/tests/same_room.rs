@@ -97,17 +97,21 @@ fn every_format_has_the_same_matrix_of_the_room() {
         assert!(found == matrix, "{name}: another matrix");
         assert_eq!(by_object, zones, "{name}");
     }
-    for name in [
-        "room-solids.inp",
-        "room-assembly.inp",
-        "room.idf",
-        "room-relative.idf",
-        "room.epJSON",
-        "room.gbxml",
+    // Each face an object of its own, whose sums are rounded otherwise; or faces from other corners on.
+    for (name, is_same) in [
+        ("room-assembly.inp", true),
+        ("room.idf", true),
+        ("room-relative.idf", true),
+        ("room.epJSON", true),
+        ("room.gbxml", true),
+        ("room-solids.inp", false),
     ] {
-        let (areas, factors) = difference(&room(&place, name, [""; 2]).1, &zones);
+        let (found, by_object) = room(&place, name, [""; 2]);
+        assert!(!is_same || found == matrix, "{name}: another matrix");
+        let (areas, factors) = difference(&by_object, &zones);
+        let most = if is_same { 1e-7 } else { 1e-3 };
         assert!(
-            areas < 1e-9 && factors < 1e-3,
+            areas < 1e-9 && factors < most,
             "{name}: areas off by {areas}, form factors by {factors}"
         );
     }

@@ -51,6 +51,8 @@ pub(crate) fn cut(
     let mut indices = Vec::new();
     match triangulate_with_holes(&corners, &holes, &mut indices) {
         Triangulation::Done => {}
+        // An opening may take all of its wall.
+        _ if !openings.is_empty() && wall.len() >= 3 => {}
         Triangulation::TooFewCorners => findings.count("surface with fewer than 3 corners"),
         Triangulation::NoArea => findings.count("surface without area"),
     }

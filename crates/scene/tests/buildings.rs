@@ -76,6 +76,11 @@ fn windows_are_cut_out_of_walls_and_face_into_the_zone() {
     // A door at the wall's foot.
     let door = open("ok-door.idf");
     assert!(near(vector(&door, "wall"), 10.0 * DVec3::Y) && near(vector(&door, "door"), 2.0 * DVec3::Y));
+    // A wall that is all glass.
+    let glass = open("ok-all-glass.idf");
+    assert!(near(vector(&glass, "window"), 12.0 * DVec3::Y) && glass.triangles.len() == 2);
+    assert_eq!(glass.findings.get("surface without area"), 0);
+    assert!(near(vector(&open("ok-short-words.idf"), "floor"), 12.0 * DVec3::Z));
     let wall = |scene: &Scene| {
         let t = scene.triangles[0];
         (scene.materials[t.material as usize].name.clone(), t.two_sided)
