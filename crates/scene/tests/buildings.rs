@@ -3,8 +3,9 @@
 #![cfg(all(feature = "energyplus", feature = "gbxml"))]
 
 use glam::DVec3;
-use hemicube_scene::{Axis, Error, ReadOptions, Scene, Triangle, load};
+use hemicube_scene::{Axis, Error, ReadOptions, Scene, Triangle, energyplus, load};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 fn corpus(name: &str) -> PathBuf {
     let reader = if name.ends_with("xml") { "gbxml" } else { "energyplus" };
@@ -76,6 +77,11 @@ fn windows_are_cut_out_of_walls_and_face_into_the_zone() {
     // A door at the wall's foot.
     let door = open("ok-door.idf");
     assert!(near(vector(&door, "wall"), 10.0 * DVec3::Y) && near(vector(&door, "door"), 2.0 * DVec3::Y));
+    // A wall that is all glass.
+    let glass = open("ok-all-glass.idf");
+    assert!(near(vector(&glass, "window"), 12.0 * DVec3::Y) && glass.triangles.len() == 2);
+    assert_eq!(glass.findings.get("surface without area"), 0);
+    assert!(near(vector(&open("ok-short-words.idf"), "floor"), 12.0 * DVec3::Z));
     let wall = |scene: &Scene| {
         let t = scene.triangles[0];
         (scene.materials[t.material as usize].name.clone(), t.two_sided)
@@ -199,5 +205,31 @@ fn errors_name_the_line_the_surface_and_the_way_out() {
         let error = error(name);
         assert!(error.to_string().contains(words), "{name}: {error}");
         assert_eq!(error.line, line, "{name}: {error}");
+    }
+}
+
+#[test]
+fn windows_that_cross_are_cut_in_time_or_refused() {
+    for (windows, size) in [(4000_usize, 90), (4000, 2000), (6000, 90)] {
+        let mut text = "GlobalGeometryRules,, Counterclockwise, World;\nZone, z;\n\
+            Wall:Detailed, w, , z, , , , , , , , 0,0,0, 9999,0,0, 9999,0,9999, 0,0,9999;\n"
+            .to_owned();
+        for k in 0..windows {
+            let (x, y) = (k * 7919 % 7900 + 1, k * 104_729 % 7900 + 1);
+            let (right, top) = (x + size, y + size);
+            text += &format!("FenestrationSurface:Detailed, {k}, , , w, , , , , , ");
+            text += &format!("{x},0,{y}, {right},0,{y}, {right},0,{top}, {x},0,{top};\n");
+        }
+        let begun = Instant::now();
+        let read = energyplus::read(text.as_bytes(), None, ReadOptions::default());
+        assert!(
+            begun.elapsed() < Duration::from_secs(60),
+            "{windows} of {size}: {:?}",
+            begun.elapsed()
+        );
+        match read {
+            Ok(scene) => assert_eq!(scene.objects.len(), windows + 1),
+            Err(error) => assert!(error.to_string().contains("--allow-large"), "{error}"),
+        }
     }
 }

@@ -49,9 +49,9 @@ def from_meshio(
 
     `object` and `material` name an array of cell data, or are a value (a name or a number) of each cell. By default the
     object is the cell data `object`, `zone`, `group`, `region`, `PhysicalGroup`, `gmsh:physical`, `CellEntityIds` or
-    `GeometryIds`, the first that is there, otherwise the first cell set that holds a cell; the material is the cell data
-    `material` or `MaterialIds`. Numbers have names from `field_data`; without one, 3 is `zone 3`. A face's number is its
-    cell's, over all blocks. Other keywords are those of `Scene`.
+    `GeometryIds`, the first that is there, otherwise the first cell set that holds a cell; the material is the cell
+    data `material` or `MaterialIds`. Numbers have names from `field_data`; without one, 3 is `zone 3`. A face's number
+    is its cell's, over all blocks. Other keywords are those of `Scene`.
 
     >>> from types import SimpleNamespace as Mesh           # whatever has these attributes
     >>> points = [[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [2, 1.5, 1]]
@@ -89,7 +89,8 @@ def from_meshio(
         _meshio_names(getattr(mesh, "field_data", None) or {}),
         _meshio_sets(mesh),
     )
-    return _scene(points, _joined(corners), _joined(lengths), _joined(faces), volumes, groups, object, material, keywords)
+    cells = (_joined(corners), _joined(lengths), _joined(faces))
+    return _scene(points, *cells, volumes, groups, object, material, keywords)
 
 
 def from_pyvista(
@@ -169,8 +170,8 @@ def cell_data(scene: Scene, values: ArrayLike, mesh: Any, *, side: int | None = 
 
     `values` has a number, or a row of them, for each patch. Cells without patches get NaN; `side` takes patches of the
     front (0) or the back (1) only. For a `meshio.Mesh` the result is a list with an array a block, for others an array:
-    either may be assigned to `mesh.cell_data["name"]`, or `mesh.face_attributes["name"]` of a `trimesh.Trimesh`. It works
-    also for scenes loaded from a VTK file, and the mesh that another package reads from it.
+    either may be assigned to `mesh.cell_data["name"]`, or `mesh.face_attributes["name"]` of a `trimesh.Trimesh`. It
+    works also for scenes loaded from a VTK file, and the mesh that another package reads from it.
 
     >>> from types import SimpleNamespace as Mesh           # whatever has these attributes
     >>> points = [[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]]
@@ -291,8 +292,8 @@ def _scene(
     if not len(lengths):
         if volumes:
             raise InputError(
-                f"the mesh has {volumes} volume cells and no surface cells; extract its surface, or save it and load the "
-                "file, whose reader takes the boundary"
+                f"the mesh has {volumes} volume cells and no surface cells; extract its surface, or save it and load "
+                "the file, whose reader takes the boundary"
             )
         raise InputError("the mesh has no surface cells")
     object_ids, objects = groups.ids(object, "object", _OBJECTS, faces)

@@ -120,8 +120,8 @@ impl Rules {
                 .is_some_and(|text| text.eq_ignore_ascii_case(with))
         };
         let clockwise = match direction.trim() {
-            text if begins(text, "counter") => false,
-            text if begins(text, "clock") => true,
+            text if begins(text, "counter") || text.eq_ignore_ascii_case("ccw") => false,
+            text if begins(text, "clock") || text.eq_ignore_ascii_case("cw") => true,
             other => {
                 return Err(Error::malformed(format!(
                     "`{}` where `Counterclockwise` or `Clockwise` is due",
@@ -132,7 +132,7 @@ impl Rules {
         let world = match system.trim() {
             "" => false,
             text if begins(text, "rel") => false,
-            text if begins(text, "world") || begins(text, "abs") => true,
+            text if begins(text, "world") || begins(text, "abs") || text.eq_ignore_ascii_case("wcs") => true,
             other => {
                 return Err(Error::malformed(format!(
                     "`{}` where `World` or `Relative` is due",
