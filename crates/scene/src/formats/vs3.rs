@@ -580,7 +580,7 @@ mod tests {
         );
         // A chain of combined surfaces, and one with a null surface.
         for text in [
-            WALL.replace("end\n", "S 4 9 5 8 0 0 3 0.9 chain\n"),
+            WALL.replace("end\n", "S 4 9 5 8 0 0 3 0.9 chain\nend\n"),
             WALL.replace("S 2", "N 2").replace("0 1 1 0.9 part", "0 1 2 0.9 part"),
         ] {
             let message = study(text.as_bytes()).unwrap_err().to_string();
