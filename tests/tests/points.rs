@@ -91,14 +91,15 @@ fn spherical_factors_in_a_box_are_solid_angles_and_sum_to_one() {
     let points = [[2.5, 2.0, 1.5], [0.4, 3.1, 0.2], [4.9, 0.05, 2.8]];
     let lines: Vec<String> = points.iter().map(|p| format!("{} {} {}", p[0], p[1], p[2])).collect();
     place.write("points.txt", lines.join("\n"));
-    for cut in ["", "--split 7"] {
+    // In a corner, some patches of a cut wall are less than a pixel; a tolerance finds them.
+    for (cut, within) in [("", 1e-5), ("--split 7", 1e-4), ("--split 7 --tolerance 0.1%", 2e-5)] {
         let rows = rows(&place, &format!("box.obj --points points.txt --up z {cut}"));
         for (row, point) in rows.iter().zip(points) {
             sums_to_one(row);
             for (name, h, u, v) in sides_of(size, point) {
                 let exact = rectangle(solid(h), u, v) / (4.0 * PI);
                 let found = number(&row["view_factors"][name]);
-                assert!((found - exact).abs() < 1e-5, "{name} {cut}: {found} {exact}");
+                assert!((found - exact).abs() < within, "{name} {cut}: {found} {exact}");
             }
         }
     }
