@@ -4,9 +4,9 @@
 //! k n + p, and its column is folded into p. Only the cell has rows. Rows are thus those of the whole scene, at every
 //! accuracy level.
 //!
-//! A tiling ends after some repeats on either side. What would leave it into further repeats must cross a *curtain*
-//! round it, as high as the cell's bounds, behind which nothing is: of the prism or slab that all repeats fill, no
-//! other ray comes back. The columns of curtains become the part of *unselected* that was cut off.
+//! A tiling ends after some repeats on either side. Rays into further repeats cross a *curtain* round it, as high as
+//! the cell's bounds: all repeats together fill a convex prism or slab, and no ray out of it comes back. The columns of
+//! curtains become the cut-off part of *unselected*.
 
 use super::motion::Motion;
 use crate::{HierarchyOptions, Model, ModelError};
@@ -76,8 +76,8 @@ pub struct Images {
 pub enum ImageError {
     /// An axis is used twice.
     #[error(
-        "the {axis} axis has more than one of symmetry, sector and period: two planes of symmetry are a period of twice \
-         their distance, with the scene's half and its image as the cell"
+        "the {axis} axis has more than one of symmetry, sector and period: two planes of symmetry are a period of \
+         twice their distance, with the scene's half and its image as the cell"
     )]
     Twice {
         /// The axis.
@@ -92,13 +92,13 @@ pub enum ImageError {
     /// A number out of range.
     #[error("{what}")]
     Range {
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
     /// Triangles on both sides of a plane.
     #[error(
-        "the plane of symmetry {axis} = {at} is crossed: the scene goes from {low} to {high} there; cut it at the plane, \
-         and keep one half"
+        "the plane of symmetry {axis} = {at} is crossed: the scene goes from {low} to {high} there; cut it at the \
+         plane, and keep one half"
     )]
     Crossed {
         /// The axis across it.
@@ -160,7 +160,7 @@ fn unit(axis: Axis) -> DVec3 {
     DVec3::AXES[of(axis).1]
 }
 
-/// How far a corner may be beyond a plane, in parts of the scene's extent: coordinates as files round them.
+/// Distance of a corner beyond a plane that rounding in files may leave, in parts of the scene's extent.
 const BEYOND: f64 = 1e-7;
 /// Most sectors of a ring.
 const SECTORS_MAX: u32 = 3600;
