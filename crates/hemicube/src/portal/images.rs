@@ -166,6 +166,8 @@ const BEYOND: f64 = 1e-7;
 const SECTORS_MAX: u32 = 3600;
 /// Most repeats on either side.
 const REPEATS_MAX: u32 = 1000;
+/// Surfaces of a cell with its images at most.
+const IMAGES_MAX: u64 = 1 << 23;
 /// Surfaces up to which repeats are added to keep a bound.
 const SURFACES: u64 = 1 << 18;
 
@@ -283,10 +285,15 @@ impl ImageSettings {
         let wanted = (distance / shortest).ceil().clamp(1.0, f64::from(REPEATS_MAX));
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let wanted = wanted as u32;
-        let tiles =
-            |repeats: u32| u64::from(2 * repeats + 1).saturating_pow(u32::try_from(self.periods.len()).unwrap_or(3));
-        let fits = |repeats: &u32| tiles(*repeats).saturating_mul(surfaces) <= SURFACES;
+        let fits = |repeats: &u32| self.count(*repeats).saturating_mul(surfaces) <= SURFACES;
         (1..=wanted).rev().find(fits).unwrap_or(1)
+    }
+
+    /// The number of motions.
+    fn count(&self, repeats: u32) -> u64 {
+        let tiles = u64::from(2 * repeats + 1).saturating_pow(u32::try_from(self.periods.len()).unwrap_or(3));
+        let sectors = self.sector.map_or(1, |sector| u64::from(sector.count));
+        tiles.saturating_mul(sectors) << self.symmetry.len()
     }
 
     /// The motions of the cell's images; the identity first.
@@ -405,6 +412,16 @@ impl Images {
             face: 0,
             two_sided,
         };
+        let images = settings.count(repeats);
+        if images.saturating_mul(surfaces.len() as u64) > IMAGES_MAX {
+            return Err(ImageError::Range {
+                what: format!(
+                    "{images} images of {} triangles are more than the {IMAGES_MAX} triangles that a scene with images \
+                     may have: give fewer repeats",
+                    surfaces.len()
+                ),
+            });
+        }
         let motions = settings.motions(repeats);
         let mut triangles = Vec::with_capacity(surfaces.len() * motions.len() + 12);
         for motion in &motions {
