@@ -315,6 +315,10 @@ fn a_half_with_its_plane_of_symmetry_has_the_rows_of_the_whole() {
         .is(2)
         .says(&["more than one of symmetry"]);
     half.0
+        .line("compute scene.obj -o no --periodic x=0..1,y=0..1 --repeats 1000")
+        .is(2)
+        .says(&["give fewer repeats"]);
+    half.0
         .line("compute scene.obj -o no --periodic x=0..0.5")
         .is(2)
         .says(&["out of its period"]);

@@ -642,14 +642,16 @@ impl Matrix {
         self.column(py, |table| table.unselected)
     }
 
-    /// Closure error of each row: row sum + escaped + blocked + unselected − 1.
+    /// Closure error of each row: row sum + escaped + blocked + unselected − 1, less what mirrors and panes handed on.
     #[getter]
     fn closure<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| {
             let lost = table.escaped.iter().zip(&table.blocked).zip(&table.unselected);
-            let rows = table.row_sum.iter().zip(lost);
-            rows.map(|(sum, ((escaped, blocked), unselected))| sum + escaped + blocked + unselected - 1.0)
-                .collect()
+            let rows = table.row_sum.iter().zip(lost).enumerate();
+            rows.map(|(patch, (sum, ((escaped, blocked), unselected)))| {
+                sum + escaped + blocked + unselected - 1.0 - table.passed_of(patch)
+            })
+            .collect()
         })
     }
 

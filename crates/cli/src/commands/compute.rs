@@ -151,6 +151,9 @@ struct SceneReport {
     triangles: u64,
     triangles_used: u64,
     surfaces: u64,
+    /// With those of a cell's images.
+    #[serde(skip)]
+    drawn: usize,
     patches: u64,
     area: f64,
     objects: u64,
@@ -912,6 +915,7 @@ impl Begun {
                 triangles: scene.triangles_read,
                 triangles_used: scene.triangles.len() as u64,
                 surfaces: patches.surfaces().len() as u64,
+                drawn: prepared.model.geometry().surfaces.len(),
                 patches: run.plan.groups.as_ref().map_or(patches.len(), |of| of.grouping.len()) as u64,
                 area: patches.iter().map(|patch| patches.area(patch)).sum(),
                 objects: scene.objects.len() as u64,
@@ -1177,11 +1181,7 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
     } else {
         0.0
     };
-    let culled = 1.0
-        - share_left(
-            &report.counters,
-            usize::try_from(report.scene.surfaces).unwrap_or(usize::MAX),
-        );
+    let culled = 1.0 - share_left(&report.counters, report.scene.drawn);
     let per_second = if seconds > 0.0 {
         summary.rows as f64 / seconds
     } else {

@@ -2,10 +2,9 @@
 //!
 //! - *pixel*: the rays of the pixels that see a portal go on from where they meet it, each with its pixel's weight, in
 //!   whole numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
-//! - *area*, *tolerance*: F of what is seen directly stays. Rays from all over the patch find what is seen through
-//!   portals; then the largest of these pairs are measured by segments and closed forms ([`super::pairs`]), so many that
-//!   what rays alone know keeps its share of the tolerance. Two mirrors that commute, as those of a duct, make one pair
-//!   with one closed form, whatever the order in which they are met.
+//! - *area*, *tolerance*: direct form factors stay. Rays from all over the patch find the pairs seen through portals.
+//!   Segments and closed forms ([`super::pairs`]) measure the largest of them, until the rest by rays keeps its share
+//!   of the tolerance. Two commuting mirrors, as of a duct, make one pair with one closed form for either order.
 //!
 //! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁵ of a tolerance. Paths are cut off
 //! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
@@ -71,7 +70,7 @@ pub(crate) struct Draft<'r> {
     pub(crate) rays: &'r mut u64,
 }
 
-/// What came through portals, as shares of what leaves the patch.
+/// Arrivals through portals, as shares of the patch's emission.
 #[derive(Debug, Default)]
 struct Brought {
     /// Columns, by patch of the model.
@@ -189,7 +188,7 @@ impl<'a> Extender<'a> {
         sum
     }
 
-    /// What the row's patches hand on of what reaches them directly.
+    /// Σ (ρs + τ) F of direct arrivals.
     fn sent(&self) -> f64 {
         let passed = |patch: u32| self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed);
         self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
@@ -334,8 +333,7 @@ impl<'a> Extender<'a> {
         balanced(sent, &known, lost)
     }
 
-    /// What arrives at each patch under each motion: by segments and closed forms where that is worth it, by rays
-    /// otherwise.
+    /// Arrivals at each patch under each motion: by segments and closed forms for the largest, by rays otherwise.
     fn measure(
         &mut self,
         casts: &Casts<'_>,
@@ -438,7 +436,7 @@ impl<'a> Extender<'a> {
         }
     }
 
-    /// Enters what portals brought into the row's weights, shares and error.
+    /// Enters arrivals through portals into the row's weights, shares and error.
     fn enter(&self, draft: &mut Draft<'_>, brought: &Brought, passage: &mut Passage) {
         let whole = draft.hemicubes.len().max(1) as u64 * HEMICUBE_WEIGHT;
         let sent = self.sent();
@@ -551,7 +549,7 @@ impl<'e> Casts<'e> {
     }
 }
 
-/// What arrives at a patch under a motion.
+/// Arrivals at a patch under a motion.
 #[derive(Clone, Copy, Debug)]
 struct Known {
     patch: u32,
@@ -562,8 +560,7 @@ struct Known {
     is_by_rays: bool,
 }
 
-/// Brings what is known by rays to what was sent through portals: what patches keep, what is lost and what is cut off
-/// sum to it.
+/// Scales the part known by rays so that kept, lost and cut off sum to `sent`.
 fn balanced(sent: f64, known: &[Known], mut lost: [f64; 4]) -> Brought {
     let kept = |is_by_rays: bool| -> f64 {
         let of = known.iter().filter(|entry| entry.is_by_rays == is_by_rays);

@@ -1,4 +1,4 @@
-//! What rays through portals bring to a row.
+//! Arrivals of rays through portals at a row's columns.
 
 use super::motion::MotionId;
 use super::trace::{Arrival, Ray, Tally};
@@ -11,7 +11,7 @@ pub(super) enum Column {
     Of,
     /// It has none.
     None,
-    /// It is a curtain: behind it is what was cut off.
+    /// It is a curtain: its weight was cut off.
     CutOff,
 }
 
@@ -19,15 +19,15 @@ pub(super) enum Column {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Found {
     pub(super) weight: u64,
-    /// Of it, handed on.
+    /// The part handed on.
     pub(super) passed: u64,
     pub(super) hits: u32,
 }
 
-/// The weights of a row after its first portals. All that `sent` counts is in the other five.
+/// The weights of a row after its first portals: `sent` = `kept` + `escaped` + `blocked` + `unselected` + `cut_off`.
 #[derive(Debug, Default)]
 pub(super) struct Ledger {
-    /// Handed on by what rays met first.
+    /// Handed on by the first surfaces of rays.
     pub(super) sent: u64,
     /// Kept by patches with columns.
     pub(super) kept: u64,
@@ -48,7 +48,7 @@ impl Ledger {
         };
     }
 
-    /// Where what was sent ended: kept, escaped, blocked, unselected, cut off.
+    /// The ends of `sent`: kept, escaped, blocked, unselected, cut off.
     pub(super) fn ends(&self) -> [u64; 5] {
         [self.kept, self.escaped, self.blocked, self.unselected, self.cut_off]
     }

@@ -4,9 +4,9 @@
 //! k n + p, and its column is folded into p. Only the cell has rows. Rows are thus those of the whole scene, at every
 //! accuracy level.
 //!
-//! A tiling ends after some repeats on either side. What would leave it into further repeats must cross a *curtain*
-//! round it, as high as the cell's bounds, behind which nothing is: of the prism or slab that all repeats fill, no
-//! other ray comes back. The columns of curtains become the part of *unselected* that was cut off.
+//! A tiling ends after some repeats on either side. Rays into further repeats cross a *curtain* round it, as high as
+//! the cell's bounds: all repeats together fill a convex prism or slab, and no ray out of it comes back. The columns of
+//! curtains become the cut-off part of *unselected*.
 
 use super::motion::Motion;
 use crate::{HierarchyOptions, Model, ModelError};
@@ -76,8 +76,8 @@ pub struct Images {
 pub enum ImageError {
     /// An axis is used twice.
     #[error(
-        "the {axis} axis has more than one of symmetry, sector and period: two planes of symmetry are a period of twice \
-         their distance, with the scene's half and its image as the cell"
+        "the {axis} axis has more than one of symmetry, sector and period: two planes of symmetry are a period of \
+         twice their distance, with the scene's half and its image as the cell"
     )]
     Twice {
         /// The axis.
@@ -92,13 +92,13 @@ pub enum ImageError {
     /// A number out of range.
     #[error("{what}")]
     Range {
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
     /// Triangles on both sides of a plane.
     #[error(
-        "the plane of symmetry {axis} = {at} is crossed: the scene goes from {low} to {high} there; cut it at the plane, \
-         and keep one half"
+        "the plane of symmetry {axis} = {at} is crossed: the scene goes from {low} to {high} there; cut it at the \
+         plane, and keep one half"
     )]
     Crossed {
         /// The axis across it.
@@ -160,12 +160,14 @@ fn unit(axis: Axis) -> DVec3 {
     DVec3::AXES[of(axis).1]
 }
 
-/// How far a corner may be beyond a plane, in parts of the scene's extent: coordinates as files round them.
+/// Distance of a corner beyond a plane that rounding in files may leave, in parts of the scene's extent.
 const BEYOND: f64 = 1e-7;
 /// Most sectors of a ring.
 const SECTORS_MAX: u32 = 3600;
 /// Most repeats on either side.
 const REPEATS_MAX: u32 = 1000;
+/// Surfaces of a cell with its images at most.
+const IMAGES_MAX: u64 = 1 << 23;
 /// Surfaces up to which repeats are added to keep a bound.
 const SURFACES: u64 = 1 << 18;
 
@@ -283,10 +285,15 @@ impl ImageSettings {
         let wanted = (distance / shortest).ceil().clamp(1.0, f64::from(REPEATS_MAX));
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let wanted = wanted as u32;
-        let tiles =
-            |repeats: u32| u64::from(2 * repeats + 1).saturating_pow(u32::try_from(self.periods.len()).unwrap_or(3));
-        let fits = |repeats: &u32| tiles(*repeats).saturating_mul(surfaces) <= SURFACES;
+        let fits = |repeats: &u32| self.count(*repeats).saturating_mul(surfaces) <= SURFACES;
         (1..=wanted).rev().find(fits).unwrap_or(1)
+    }
+
+    /// The number of motions.
+    fn count(&self, repeats: u32) -> u64 {
+        let tiles = u64::from(2 * repeats + 1).saturating_pow(u32::try_from(self.periods.len()).unwrap_or(3));
+        let sectors = self.sector.map_or(1, |sector| u64::from(sector.count));
+        tiles.saturating_mul(sectors) << self.symmetry.len()
     }
 
     /// The motions of the cell's images; the identity first.
@@ -405,6 +412,16 @@ impl Images {
             face: 0,
             two_sided,
         };
+        let images = settings.count(repeats);
+        if images.saturating_mul(surfaces.len() as u64) > IMAGES_MAX {
+            return Err(ImageError::Range {
+                what: format!(
+                    "{images} images of {} triangles are more than the {IMAGES_MAX} triangles that a scene with images \
+                     may have: give fewer repeats",
+                    surfaces.len()
+                ),
+            });
+        }
         let motions = settings.motions(repeats);
         let mut triangles = Vec::with_capacity(surfaces.len() * motions.len() + 12);
         for motion in &motions {

@@ -1,4 +1,4 @@
-//! Pairs through portals: the closed form between the moved emitter and a receiver, times what of it comes through.
+//! Pairs through portals: the closed form between the moved emitter and a receiver, times the share that comes through.
 //!
 //! ```text
 //! F_ij,g = F⁰(g⁻¹ i, j) Σ K W / Σ K         K = cos φ_i cos φ_j / r², W the weight that comes through
@@ -30,14 +30,14 @@ const CAUTION: f64 = 2.0;
 pub(super) struct Share {
     /// Σ K W / Σ K.
     pub(super) share: f64,
-    /// Of what arrives, handed on.
+    /// The part of arrivals handed on.
     pub(super) passed: f64,
     /// Its standard error.
     pub(super) error: f64,
     pub(super) segments: usize,
 }
 
-/// What arrives where a segment aims.
+/// Arrivals at the point that a segment aims at.
 struct Aim {
     at: DVec3,
     motion: MotionId,

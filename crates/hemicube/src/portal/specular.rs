@@ -1,4 +1,4 @@
-//! Mirrors and panes: what a surface hands on, by its material or object.
+//! Mirrors and panes: ρs and τ of surfaces, by material or object.
 
 use super::images::Images;
 use glam::DVec3;
@@ -6,8 +6,8 @@ use hemicube_scene::{Patches, Scene};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
-/// What a surface does with light that arrives: reflects ρs of it as a mirror, lets τ through unbent, and keeps the
-/// rest, 1 − ρs − τ, to absorb or to reflect diffusely.
+/// Division of arriving light: ρs is reflected as by a mirror, τ goes through unbent, and 1 − ρs − τ is absorbed or
+/// diffusely reflected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Optics {
     /// ρs, from 0 to 1.
@@ -59,14 +59,18 @@ pub struct SpecularRecord {
 #[non_exhaustive]
 pub enum SpecularError {
     /// ρs or τ or both out of range.
-    #[error("{name} has ρs {} and τ {}, and each and both together are from 0 to 1", optics.specular, optics.transmittance)]
+    #[error(
+        "{name} has ρs {} and τ {}, and each and both together are from 0 to 1",
+        optics.specular,
+        optics.transmittance
+    )]
     Range {
         /// The material or object.
         name: String,
         /// Its values.
         optics: Optics,
     },
-    /// A pane that only one side of lets light through.
+    /// A one-sided pane.
     #[error(
         "pane {name} is one-sided, and its back lets nothing through: wind its faces both ways, or make them two-sided"
     )]
@@ -157,7 +161,7 @@ impl Specular {
         Ok(Self { optics, named, bound })
     }
 
-    /// What a patch of the cell hands on.
+    /// The optics of a patch of the cell.
     pub fn of(&self, patch: u32) -> Optics {
         self.optics.get(patch as usize).copied().unwrap_or_default()
     }
@@ -171,7 +175,7 @@ impl Specular {
             .collect()
     }
 
-    /// The patches of the cell that hand on something.
+    /// Patches of the cell with ρs or τ above 0.
     pub fn portals(&self) -> impl Iterator<Item = u32> + '_ {
         (0u32..)
             .zip(&self.optics)

@@ -39,7 +39,7 @@ pub(super) struct Arrival {
     pub(super) at: DVec3,
     /// Length of the path.
     pub(super) length: f64,
-    /// What is handed on of the weight.
+    /// The weight handed on.
     pub(super) passed: u64,
 }
 
@@ -55,7 +55,7 @@ pub(super) struct MetAt {
     pub(super) distance: f64,
 }
 
-/// Where paths end.
+/// Ends of paths.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ends {
     /// Length.
@@ -64,7 +64,7 @@ pub(super) struct Ends {
     pub(super) least: u64,
 }
 
-/// Where a path's weight goes.
+/// Takes the weight of paths.
 pub(super) trait Tally {
     /// It arrives at a surface; some of it is handed on.
     fn arrive(&mut self, ray: &Ray, arrival: &Arrival);
@@ -107,7 +107,7 @@ impl Tracer {
         self.follow_rest(ends, motions, tally);
     }
 
-    /// Follows what [`Self::meet`] left to be followed.
+    /// Follows the branches left by [`Self::meet`].
     pub(super) fn follow_rest(&mut self, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
         while let Some(ray) = self.rays.pop() {
             let leg = (ends.reach - ray.length).min(FAR);

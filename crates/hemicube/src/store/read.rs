@@ -150,9 +150,17 @@ impl RowTable {
     pub fn returned_beside(&self, outside: &[f64]) -> Vec<f64> {
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let rows = self.row_sum.iter().zip(outside).enumerate();
-        let passed = |patch: usize| self.passed.get(patch).map_or(0.0, |&passed| known(passed));
-        rows.map(|(patch, (sum, &outside))| known(1.0 - sum - known(outside) + passed(patch)))
+        rows.map(|(patch, (sum, &outside))| known(1.0 - sum - known(outside) + self.passed_of(patch)))
             .collect()
+    }
+
+    /// What mirrors and panes handed on of a patch's row ([`Passage`]); 0 without any.
+    pub fn passed_of(&self, patch: usize) -> f64 {
+        self.passed
+            .get(patch)
+            .copied()
+            .filter(|passed| !passed.is_nan())
+            .unwrap_or(0.0)
     }
 
     /// The shares of a patch's view that are no form factors; NaN where they are not known.

@@ -114,7 +114,8 @@ pub(super) fn columns(
     }
     let closure = (0..rows.row_sum.len())
         .map(|patch| {
-            (rows.row_sum[patch] + rows.escaped[patch] + rows.blocked[patch] + rows.unselected[patch] - 1.0).abs()
+            let all = rows.row_sum[patch] + rows.escaped[patch] + rows.blocked[patch] + rows.unselected[patch];
+            (all - 1.0 - rows.passed_of(patch)).abs()
         })
         .collect();
     let escapes = tells(&rows.escaped);
