@@ -9,8 +9,8 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use std::sync::atomic::Ordering;
 
-/// What surfaces exchange, in the order of `names`; the last column of each array is the surroundings. Of one band,
-/// arrays are (k, k + 1), of several (bands, k, k + 1).
+/// Exchange factors of surfaces, in the order of `names`; the last column of each array is the surroundings. Arrays are
+/// (k, k + 1) for one band, (bands, k, k + 1) for several.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Exchange {

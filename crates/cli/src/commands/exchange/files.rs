@@ -12,6 +12,9 @@ use std::path::Path;
 /// The name of what lies outside.
 const SURROUNDINGS: &str = "(surroundings)";
 
+/// A number of a band and two surfaces.
+type Value<'a> = &'a dyn Fn(usize, usize, usize) -> f64;
+
 /// A file of exchange factors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Format {
@@ -159,7 +162,7 @@ impl Found<'_> {
             &self.exchange.emissivity.concat(),
         )?;
         let shape = [bands as u64, count as u64, count as u64 + 1];
-        let values: [(&str, &dyn Fn(usize, usize, usize) -> f64); 2] = [
+        let values: [(&str, Value<'_>); 2] = [
             ("gebhart", &|band, from, to| self.exchange.gebhart(band, from, to)),
             ("exchange_area", &|band, from, to| {
                 self.exchange.area(network, band, from, to)

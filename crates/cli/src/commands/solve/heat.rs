@@ -81,10 +81,10 @@ pub(super) struct Exchange {
     /// Surfaces of one radiosity in place of patches.
     network: Option<(Network, Heat)>,
     manifest: Manifest,
-    /// Where something has a temperature that is found, or surfaces are asked for.
+    /// Found for results by surface, and where nothing has a temperature.
     enclosures: Option<Enclosures>,
     undetermined: Undetermined,
-    /// Where emissivities are the scene's: how many surfaces', from, to.
+    /// Number of surfaces with emissivities of the scene, and the least and greatest of these.
     of_scene: Option<(usize, f64, f64)>,
 }
 

@@ -14,8 +14,8 @@ use std::path::Path;
 
 /// Surfaces in the table on the terminal; the others are in the files.
 const SURFACES_SHOWN: usize = 40;
-/// Heat below this part of all that flows is shown as 0.
-const ROUNDING: f64 = 1e-9;
+/// Heat below this part of all that flows is shown as 0: the residual of the iteration.
+const ROUNDING: f64 = 1e-6;
 /// Enclosures named.
 const ENCLOSURES_SHOWN: usize = 6;
 /// Names of an enclosure.
@@ -325,7 +325,7 @@ fn enclosures_of(found: &Enclosures, (table, rows, [objects, materials]): Tables
             names,
         });
     }
-    all.sort_by(|a, b| b.patches.cmp(&a.patches));
+    all.sort_by_key(|enclosure| std::cmp::Reverse(enclosure.patches));
     (all, alone)
 }
 
