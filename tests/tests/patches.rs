@@ -156,7 +156,7 @@ fn cylinder(sides: u32, height: f64) -> String {
 
 #[test]
 fn a_cylinder_sees_itself() {
-    let (sides, height) = (24, 1.5);
+    let (sides, height) = (12, 1.5);
     let (low, high) = (circle(sides, 1.0, 0.0), circle(sides, 1.0, height));
     let top: Vec<DVec3> = high.iter().rev().copied().collect();
     let across = between_polygons(&low, &top);
