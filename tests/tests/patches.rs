@@ -113,9 +113,12 @@ fn hinged_plates_and_a_prism_have_their_closed_forms() {
     let right = vec![b, b + up, apex + up, apex];
     let left = vec![apex, apex + up, a + up, a];
     let ends = [vec![a, b, apex], vec![apex + up, b + up, a + up]];
-    let between = |from: &[DVec3], to: &[DVec3]| between_polygons(from, to);
+    let across = between_polygons(&ends[0], &ends[1]);
+    // By closure and reciprocity: what an end does not send across goes to the sides, a third to each, and what a side
+    // does not send to the ends goes to the other two.
+    let back = polygon_area(&ends[0]) * (1.0 - across) / 3.0;
     let plates = obj(&[("bottom", vec![bottom.clone()]), ("left", vec![left.clone()])]);
-    let factor = between(&bottom, &left);
+    let factor = 0.5 - back;
     let expected = [
         ("bottom", "left", factor),
         ("left", "bottom", factor),
@@ -127,9 +130,6 @@ fn hinged_plates_and_a_prism_have_their_closed_forms() {
         ("near", vec![ends[0].clone()]),
         ("far", vec![ends[1].clone()]),
     ]);
-    let across = between(&ends[0], &ends[1]);
-    // By closure and reciprocity: what an end does not send across goes to the sides.
-    let back = polygon_area(&ends[0]) * (1.0 - across) / 3.0;
     let expected = [
         ("near", "far", across),
         ("near", "sides", 1.0 - across),
@@ -156,7 +156,7 @@ fn cylinder(sides: u32, height: f64) -> String {
 
 #[test]
 fn a_cylinder_sees_itself() {
-    let (sides, height) = (24, 1.5);
+    let (sides, height) = (12, 1.5);
     let (low, high) = (circle(sides, 1.0, 0.0), circle(sides, 1.0, height));
     let top: Vec<DVec3> = high.iter().rev().copied().collect();
     let across = between_polygons(&low, &top);
@@ -321,7 +321,9 @@ fn rows_of_patches_are_chosen_by_patch() {
     compute("-o few --patches object -q --receivers b*").is(0);
     let (few, all) = (of("few"), of("all"));
     let floor = &few["floor"];
-    assert!((floor["block"] / all["floor"]["block"] - 1.0).abs() < ROUNDING && floor["west"] == 0.0);
+    // Rows are refined by their columns: near, not equal.
+    let off = floor["block"] / all["floor"]["block"] - 1.0;
+    assert!(off.abs() < 0.01 && floor["west"] == 0.0, "{off:e}, {few:?}");
     assert!((floor["block"] + floor["unselected"] + floor["blocked"] + floor["escaped"] - 1.0).abs() < 0.01);
     compute("-o no --patches object -q --rows 3..8")
         .is(2)
@@ -366,7 +368,7 @@ fn what_needs_triangles_or_one_material_says_so() {
         .is(2)
         .says(&["triangles", "--output"]);
     place
-        .line("view hemicube room.obj --store objects -o x.png")
+        .line("view hemicube room.obj --store objects --patch 0 -o x.png")
         .is(2)
         .says(&["one triangle"]);
     // Another scene, and another kind.
@@ -423,10 +425,8 @@ fn values_of_patches_are_on_all_of_their_triangles() {
     for (patch, sum) in column(&triangles, "patch").iter().zip(column(&triangles, "row_sum")) {
         assert_eq!(sum, sums[patch.parse::<usize>().expect("a patch")]);
     }
-    for file in ["x.vtp", "x.vtu", "x.ply", "x.glb"] {
-        place
-            .line(&format!("export objects {file} --scene room.obj -q --up z"))
-            .is(0);
+    for file in ["x.vtp", "x.vtu", "x.ply", "x.glb --up z"] {
+        place.line(&format!("export objects {file} --scene room.obj -q")).is(0);
     }
     let view = "view model objects room.obj --show row --patch 6 -o x.png --up z --eye 0.3,0.3,0.8 --look-at 1.5,1,0.3";
     place.line(view).is(0);

@@ -66,6 +66,7 @@ def files(directory: pathlib.Path) -> dict[str, bytes]:
         ),
         ({}, {"sample_rows": 20, "seed": 7, "engine": "depth"}, "--sample-rows 20 --seed 7 --engine depth".split()),
         ({}, {"rows": (3, 17), "culling": False}, "--rows 3..17 --culling off".split()),
+        ({"split": 2}, {"patches": "object", "rows": (2, 5)}, "--split 2 --patches object --rows 2..5".split()),
     ],
 )
 def test_a_store_is_the_programs_to_the_byte(

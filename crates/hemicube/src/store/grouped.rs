@@ -194,7 +194,9 @@ mod tests {
         assert!((table.area.iter().sum::<f64>() / all - 1.0).abs() < 1e-12);
         for (patch, &object) in table.object.iter().enumerate() {
             let name = scene.objects[object as usize].as_str();
-            assert_eq!(table.is_flat(patch), !name.ends_with("block"), "{name}");
+            // The corners of the measured left wall lie in no plane.
+            let is_bent = name.ends_with("block") || name == "left_wall";
+            assert_eq!(table.is_flat(patch), !is_bent, "{name}");
         }
         assert!(table.material.contains(&0) && table.face.contains(&PatchTable::SEVERAL));
         let floor = table

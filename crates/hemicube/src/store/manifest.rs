@@ -365,7 +365,8 @@ impl Manifest {
         let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
         };
-        if self.version != other.version {
+        // The kind of the patches decides it, and is among the settings.
+        if self.version != other.version && self.patch_kind() == other.patch_kind() {
             return of("format's version", &self.version, &other.version);
         }
         if self.program != other.program {
