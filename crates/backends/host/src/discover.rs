@@ -1,7 +1,8 @@
 //! The folders searched for backends, in order.
 //!
-//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder,
-//! `../lib/hemicube/backends` from there, the user's data folder, the system's. Not recursive.
+//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder (for
+//! backends asked for by name), `../lib/hemicube/backends` from there, the user's data folder, the system's. Not
+//! recursive.
 //!
 //! No manifest, because the file's name says it all. With raised privileges, folders chosen by the program's caller are
 //! left out.
@@ -43,8 +44,10 @@ pub enum Origin {
     Flag,
     /// `HEMICUBE_BACKEND_PATH`.
     Variable,
-    /// Beside the program.
+    /// Beside the program, in a folder for backends.
     Program,
+    /// The program's own folder, as of a build. Backends there are opened by name, and never by `auto`.
+    Build,
     /// The user's data folder.
     User,
     /// The system's library folder.
@@ -57,6 +60,7 @@ impl fmt::Display for Origin {
             Self::Flag => "--backend-dir",
             Self::Variable => PATH_VARIABLE,
             Self::Program => "beside the program",
+            Self::Build => "the program's folder",
             Self::User => "user",
             Self::System => "system",
         })
@@ -145,11 +149,11 @@ fn is_raised() -> bool {
 ///     let search = Search::new(&[PathBuf::from("/home/ann/backends")], environment);
 ///     search.folders().iter().map(|folder| folder.origin).collect()
 /// };
-/// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Program, Origin::Program]);
+/// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Build, Origin::Program]);
 ///
 /// // A program with raised privileges loads nothing put there by others.
 /// let raised = Environment { raised: true, ..environment.clone() };
-/// assert_eq!(origins(&raised), [Origin::Program; 3]);
+/// assert_eq!(origins(&raised), [Origin::Program, Origin::Build, Origin::Program]);
 /// ```
 #[derive(Clone, Debug)]
 pub struct Search {
@@ -180,7 +184,7 @@ impl Search {
         }
         if let Some(beside) = environment.program.as_deref().and_then(Path::parent) {
             add(beside.join("backends"), Origin::Program);
-            add(beside.to_owned(), Origin::Program);
+            add(beside.to_owned(), Origin::Build);
             if let Some(prefix) = beside.parent() {
                 add(prefix.join("lib/hemicube/backends"), Origin::Program);
             }

@@ -255,8 +255,13 @@ impl Registry {
             }
             return Library::load(&path).map_err(|reason| OpenError::Unusable { path, reason });
         }
+        self.named(asked, |_| true)
+    }
+
+    /// Loads the library of a name from folders of some origins.
+    fn named(&self, asked: &str, is_searched: impl Fn(Origin) -> bool) -> Result<Library, OpenError> {
         let mut tried = Vec::new();
-        for folder in self.search.folders() {
+        for folder in self.search.folders().iter().filter(|folder| is_searched(folder.origin)) {
             if !folder.path.is_dir() {
                 tried.push(Tried {
                     path: folder.path.clone(),
@@ -297,7 +302,8 @@ impl Registry {
     /// for every accuracy level; otherwise none, for the built-in one. A driver running on the processor is not taken:
     /// the built-in backend is faster.
     ///
-    /// A failing backend is passed over, and the reason kept.
+    /// A failing backend is passed over, and the reason kept. What a build left in the program's folder is not
+    /// installed.
     pub fn auto(&self, options: &Options) -> Auto {
         let mut passed_over = Vec::new();
         for name in AUTO {
@@ -323,7 +329,7 @@ impl Registry {
 
     /// Opens a session of that backend, if `auto` takes it. Otherwise returns the reason, and true if it is installed.
     fn suitable(&self, name: &str, options: &Options) -> Result<LoadedBackend, (String, bool)> {
-        let library = match self.find(name) {
+        let library = match self.named(name, |origin| origin != Origin::Build) {
             Ok(library) => library,
             Err(OpenError::NotFound { tried, .. }) => {
                 let there: Vec<String> = tried
