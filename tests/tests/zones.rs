@@ -196,3 +196,52 @@ fn a_city_json_tile_and_its_obj_twin_give_the_same_matrix() {
     // All of what leaves the tile reaches it, or escapes, or ends on a back.
     assert!((number(3) + number(4) + number(6) - 1.0).abs() < 0.02, "{:?}", lines[1]);
 }
+
+/// Zones go into every format of matrices: the numbers are those of the table, in its order.
+#[test]
+fn zones_as_matrices() {
+    let place = TempDir::new().unwrap();
+    let folder = place.path();
+    run(
+        folder,
+        &["generate", "room", "--patches", "300", "-o", "room.obj", "-q"],
+    );
+    run(folder, &["compute", "room.obj", "-o", "F", "-q", "--no-config"]);
+    for file in ["F.csv", "F.mtx", "F.npz", "F.npy", "F.txt"] {
+        run(folder, &["export", "F", file, "--by", "face"]);
+    }
+    let table = std::fs::read_to_string(folder.join("F.csv")).unwrap();
+    let rows: Vec<Vec<f64>> = table
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').skip(6).map(|cell| cell.parse().unwrap()).collect())
+        .collect();
+    let expected: f64 = rows.iter().flatten().sum();
+    let mtx = std::fs::read_to_string(folder.join("F.mtx")).unwrap();
+    let mut lines = mtx.lines().filter(|line| !line.starts_with('%'));
+    let size = lines.next().unwrap();
+    assert!(size.starts_with(&format!("{0} {0} ", rows.len())), "{size}");
+    let mut sum = 0.0;
+    for line in lines {
+        let mut words = line.split(' ');
+        let mut index = || words.next().unwrap().parse::<usize>().unwrap() - 1;
+        let (row, column) = (index(), index());
+        let value: f64 = words.next().unwrap().parse().unwrap();
+        assert!((value - rows[row][column]).abs() <= 1e-7, "{line}");
+        sum += value;
+    }
+    assert!((sum - expected).abs() < 1e-4, "{sum} and {expected}");
+    let read = hemicube::store::Matrix::open(&folder.join("F.npz")).unwrap();
+    let row = read.row(3).unwrap().unwrap();
+    assert!(
+        row.columns
+            .iter()
+            .zip(&row.values)
+            .all(|(&to, &value)| (value - rows[3][to as usize]).abs() <= 1e-7)
+    );
+    let refused = command_in(&program(), folder)
+        .args(["export", "F", "F.ply", "--by", "face"])
+        .output()
+        .unwrap();
+    assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("`--by` adds them up"));
+}

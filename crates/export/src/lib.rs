@@ -67,7 +67,7 @@ mod write;
 
 pub use faces::{Found, Grouping, Needs, PROBES, RECIPROCITY_ERROR, SUM_ERROR, Sums};
 pub use formats::{ExportFormat, Named, PatchFormat, SolverFormat, listed};
-pub use matrix::{ExportOptions, ExportReport, export, export_with_sky};
+pub use matrix::{ExportOptions, ExportReport, export, export_with_sky, export_zones};
 pub use patches::{Colors, Column, Legend, PatchResults, Values, scale_color};
 pub use solvers::view3d::{View3dForm, View3dHead, write_view3d};
 pub use solvers::{SolverOptions, SolverReport, Written, export_for};

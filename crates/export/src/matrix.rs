@@ -7,6 +7,7 @@ use crate::formats::Forecast;
 use crate::write::{Cancellable, WriteOptions, on_write};
 use crate::{Error, ExportFormat, Result};
 use hemicube::InputPatch;
+use hemicube::analysis::zones::Zone;
 use hemicube::sky::StoredSky;
 use hemicube::store::{self, PATCH_COUNT_MAX, Row, Store};
 use serde::Serialize;
@@ -80,7 +81,31 @@ pub struct ExportReport {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportOptions<'_>) -> Result<ExportReport> {
-    write(store, None, path, format, options)
+    write((store, None, None), path, format, options)
+}
+
+/// Writes form factors between zones of `store`: rows and columns are zones, in their order.
+///
+/// # Errors
+/// As [`export`].
+pub fn export_zones(
+    store: &Store,
+    zones: &[Zone],
+    path: &Path,
+    format: ExportFormat,
+    options: ExportOptions<'_>,
+) -> Result<ExportReport> {
+    let rows: Vec<Row> = zones.iter().map(row_of_zone).collect();
+    write((store, None, Some(&rows)), path, format, options)
+}
+
+fn row_of_zone(zone: &Zone) -> Row {
+    #[allow(clippy::cast_possible_truncation, reason = "a matrix has f32")]
+    let data = zone.factors.iter().map(|&(_, factor)| factor as f32).collect();
+    Row {
+        indices: zone.factors.iter().map(|&(to, _)| to).collect(),
+        data,
+    }
 }
 
 /// Writes the matrix of `store` with more columns: after those of the patches the ground, and then the patches of the
@@ -112,12 +137,12 @@ pub fn export_with_sky(
         let reason = "has more columns, with those of the sky, than 32 bits count".to_owned();
         return unsupported(store.directory(), reason);
     }
-    write(store, Some(sky), path, format, options)
+    write((store, Some(sky), None), path, format, options)
 }
 
+/// Writes a store's matrix, with the sky's columns, or the rows of its zones.
 fn write(
-    store: &Store,
-    sky: Option<&StoredSky>,
+    (store, sky, zones): (&Store, Option<&StoredSky>, Option<&[Row]>),
     path: &Path,
     format: ExportFormat,
     options: ExportOptions<'_>,
@@ -132,6 +157,7 @@ fn write(
     let mut export = Export {
         store,
         sky,
+        zones,
         path,
         cancel,
         forecast: None,
@@ -148,9 +174,9 @@ fn write(
     Ok(ExportReport {
         path: path.to_owned(),
         format,
-        patch_count: store.patch_count(),
+        patch_count: export.row_count(),
         sky_columns: format.takes_sky().then(|| sky.map_or(0, StoredSky::columns)),
-        rows: store.manifest().rows_present(),
+        rows: zones.map_or(store.manifest().rows_present(), |zones| zones.len() as u64),
         entries: export.entries()?,
         bytes,
         forecast: export.forecast,
@@ -181,11 +207,16 @@ pub(crate) fn require_room(path: &Path, forecast: &Forecast) -> Result<()> {
 pub(crate) struct Export<'a> {
     pub(crate) store: &'a Store,
     pub(crate) sky: Option<&'a StoredSky>,
+    /// Rows of zones, in place of the store's.
+    zones: Option<&'a [Row]>,
     pub(crate) path: &'a Path,
     cancel: &'a AtomicBool,
     /// Size of the file in bytes, if it can be told.
     forecast: Option<u64>,
 }
+
+/// Rows and the patches, or zones, that they are of.
+type Rows<'a> = Box<dyn Iterator<Item = store::Result<(InputPatch, Row)>> + 'a>;
 
 impl Export<'_> {
     /// The error of writing the file; that of a full disk has the file's size.
@@ -198,11 +229,20 @@ impl Export<'_> {
 
     /// Every patch of the matrix, computed or not.
     pub(crate) fn patches(&self) -> impl Iterator<Item = InputPatch> + use<> {
-        (0..self.store.patch_count()).map(InputPatch)
+        (0..self.row_count()).map(InputPatch)
+    }
+
+    /// Patches with a row, ascending.
+    pub(crate) fn computed_patches(&self) -> Result<Vec<InputPatch>> {
+        Ok(match self.zones {
+            Some(_) => self.patches().collect(),
+            None => self.store.computed_patches()?,
+        })
     }
 
     pub(crate) fn row_count(&self) -> u32 {
-        self.store.patch_count()
+        let zones = self.zones.map(|zones| u32::try_from(zones.len()).unwrap_or(u32::MAX));
+        zones.unwrap_or(self.store.patch_count())
     }
 
     pub(crate) fn column_count(&self) -> u32 {
@@ -211,6 +251,9 @@ impl Export<'_> {
 
     /// All entries.
     pub(crate) fn entries(&self) -> Result<u64> {
+        if let Some(zones) = self.zones {
+            return Ok(zones.iter().map(|row| row.data.len() as u64).sum());
+        }
         let mut entries = self.store.manifest().entries;
         if let Some(sky) = self.sky {
             // An uncomputed row is empty: it has no sky either.
@@ -223,10 +266,17 @@ impl Export<'_> {
 
     /// Number of entries of a row; 0 if uncomputed.
     pub(crate) fn entries_of_row(&self, patch: InputPatch) -> Result<u64> {
+        if let Some(row) = self.zone(patch) {
+            return Ok(row.data.len() as u64);
+        }
         let Some(entries) = self.store.entries_of_row(patch)? else {
             return Ok(0);
         };
         Ok(entries + self.sky.map_or(0, |sky| sky.row(patch.0 as usize).0.len() as u64))
+    }
+
+    fn zone(&self, patch: InputPatch) -> Option<&Row> {
+        self.zones?.get(patch.0 as usize)
     }
 
     fn with_sky(&self, patch: InputPatch, mut row: Row) -> Row {
@@ -242,12 +292,19 @@ impl Export<'_> {
 
     /// The row of a patch; `None` if uncomputed.
     pub(crate) fn row(&self, patch: InputPatch) -> Result<Option<Row>> {
+        if let Some(row) = self.zone(patch) {
+            return Ok(Some(row.clone()));
+        }
         Ok(self.store.row(patch)?.map(|row| self.with_sky(patch, row)))
     }
 
     /// All computed rows, until the export is cancelled.
     pub(crate) fn rows(&self) -> Result<impl Iterator<Item = Result<(InputPatch, Row)>>> {
-        Ok(self.store.rows()?.map(|found| {
+        let rows: Rows<'_> = match self.zones {
+            Some(zones) => Box::new(self.patches().zip(zones).map(|(zone, row)| Ok((zone, row.clone())))),
+            None => Box::new(self.store.rows()?),
+        };
+        Ok(rows.map(|found| {
             if self.cancel.load(Ordering::Relaxed) {
                 return Err(Error::Interrupted {
                     path: self.path.to_owned(),

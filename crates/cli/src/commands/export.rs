@@ -75,8 +75,9 @@ pub(crate) struct Arguments {
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     format: Option<String>,
-    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table, `.csv`,
-    /// or what View3D writes, `.vf`; with `--for`, the solver's rows
+    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table with their
+    /// names, `.csv`, what View3D writes, `.vf`, or any format of matrices, in the table's order; with `--for`, the
+    /// solver's rows
     #[arg(long, value_name = "WHAT", conflicts_with_all = OF_PATCHES)]
     by: Option<ZoneName>,
     /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
@@ -546,27 +547,70 @@ impl From<ZoneName> for GroupBy {
     }
 }
 
+/// A format of zones: a table with their names, or one of matrices.
+#[derive(Clone, Copy, Serialize)]
+#[serde(untagged)]
+enum ZonesIn {
+    Table(ZoneFormat),
+    Matrix(ExportFormat),
+}
+
+impl ZonesIn {
+    /// The format asked for by the file's name.
+    fn of(arguments: &Arguments) -> Result<Self> {
+        if let Ok(table) = ZoneFormat::of(arguments.output()) {
+            return Ok(Self::Table(table));
+        }
+        match Target::of(arguments)? {
+            Target::Matrix(format) => Ok(Self::Matrix(format)),
+            Target::Patches(_) => Err(hinted(
+                anyhow!(
+                    "`{}` is of patches, and `--by` adds them up",
+                    arguments.output().display()
+                ),
+                "end it in `.csv` (a table with names), `.vf` (View3D's) or a format of matrices, such as `.npz`",
+            )),
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct ZonesReport<'a> {
     schema: u32,
     program: &'static str,
     version: &'static str,
     path: &'a Path,
-    format: ZoneFormat,
+    format: ZonesIn,
     by: GroupBy,
     bytes: u64,
     zones: &'a [Zone],
 }
 
 fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
-    let format = ZoneFormat::of(arguments.output())?;
+    let format = ZonesIn::of(arguments)?;
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let bar = Bar::spinner(talk, &format!("adding up `{}`", arguments.store.display()));
     let found = zones(&store, by.into())?;
-    let materials = &store.manifest().materials;
-    let bytes = write_zones(&found, materials, arguments.output(), format, arguments.overwrite)?;
     drop(bar);
+    let materials = &store.manifest().materials;
+    let bytes = match format {
+        ZonesIn::Table(table) => write_zones(&found, materials, arguments.output(), table, arguments.overwrite)?,
+        ZonesIn::Matrix(matrix) => {
+            let written = interruptible(arguments, talk, |options| {
+                let options = ExportOptions {
+                    overwrite: options.overwrite,
+                    allow_incomplete: false,
+                    cancel: Some(options.cancel),
+                };
+                hemicube_export::export_zones(&store, &found, arguments.output(), matrix, options)
+            })?;
+            match written {
+                Some(written) => written.bytes,
+                None => return Ok(Exit::Interrupted),
+            }
+        }
+    };
     talk.say(&format!(
         "`{}`: {}, {} of {}",
         arguments.output().display(),

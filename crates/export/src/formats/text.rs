@@ -43,7 +43,7 @@ const FORECAST_ROWS: usize = 256;
 
 /// Size of the file, from the text of evenly spaced rows; it may be an eighth too high.
 fn forecast(export: &Export<'_>) -> Result<Option<Forecast>> {
-    let patches = export.store.computed_patches()?;
+    let patches = export.computed_patches()?;
     let wanted = FORECAST_ROWS.min(patches.len());
     let (mut bytes, mut entries, mut text) = (0u64, 0u64, String::new());
     for number in 0..wanted {
