@@ -72,11 +72,18 @@ pub(crate) struct SceneSettings {
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
-    /// The axis that points up [default: the file's, or as `inspect` finds it by names and normals]
+    /// The axis that points up [default: the file's, or as names and normals tell]
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR
-    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "FACTOR",
+        default_value = "1",
+        value_parser = positive,
+        allow_negative_numbers = true,
+        hide_short_help = true
+    )]
     pub(crate) scale: f64,
     /// Keep triangles that lie exactly on others
     #[arg(
@@ -156,7 +163,7 @@ pub(crate) struct RenderSettings {
     /// pixel: sums of pixels; point, area: visible fraction × closed form
     #[arg(long, value_name = "pixel|point|area", default_value = "area", value_parser = correction)]
     pub(crate) correction: Correction,
-    /// Pixels along an edge: a multiple of 16 up to 1024
+    /// Pixels along an edge: 16, 32, 48… 1024
     #[arg(
         id = "resolution",
         long = "resolution",
@@ -203,7 +210,7 @@ impl RenderSettings {
 #[command(next_help_heading = "Settings and reports")]
 pub(crate) struct ConfigFiles {
     /// Read settings from FILE (TOML) and from no other file
-    #[arg(long, value_name = "FILE", conflicts_with = "no_config")]
+    #[arg(long, value_name = "FILE", conflicts_with = "no_config", hide_short_help = true)]
     pub(crate) config: Option<PathBuf>,
     /// Read no file of settings
     #[arg(long, hide_short_help = true)]

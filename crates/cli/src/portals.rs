@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mirrors, glass, symmetry")]
 pub(crate) struct PortalSettings {
-    /// Follow mirrors and panes: tables `[material."NAME*"]`, `[object.NAME]` with `specular`, `transmittance`
+    /// Follow mirrors and panes: `specular`, `transmittance` in tables `[material."NAME*"]`, `[object.NAME]`
     #[arg(long, value_name = "FILE.toml")]
     pub(crate) specular: Option<PathBuf>,
     /// End a path where no more than B of it is left; a twentieth of the tolerance, or 1e-4
@@ -34,14 +34,14 @@ pub(crate) struct PortalSettings {
     /// The scene is one side of these planes: `x=0,y=5`
     #[arg(long, value_name = "AXIS=AT,…", value_delimiter = ',', value_parser = symmetry, allow_hyphen_values = true)]
     pub(crate) symmetry: Vec<Symmetry>,
-    /// The scene is one of N sectors about an axis through the origin: `z,12`
+    /// The scene is one of N sectors about an axis through 0: `z,12`
     #[arg(long, value_name = "AXIS,N", value_parser = sector)]
     pub(crate) sector: Option<Sector>,
     /// The scene repeats: `x=0..100,y=0..80`
     #[arg(long, value_name = "AXIS=A..B,…", value_delimiter = ',', value_parser = period, allow_hyphen_values = true)]
     pub(crate) periodic: Vec<Period>,
     /// Repeats on either side of a period; by default as many as take what is cut off to a tenth of the tolerance
-    #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(0..=1000), requires = "periodic")]
+    #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(0..=1000), requires = "periodic", hide_short_help = true)]
     pub(crate) repeats: Option<u32>,
 }
 

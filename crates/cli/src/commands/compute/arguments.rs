@@ -66,10 +66,10 @@ pub(crate) struct Arguments {
         hide = true
     )]
     pub(crate) batch: u32,
-    /// Rows and columns: triangles as cut, or the faces, objects or materials that they are of
+    /// Rows and columns: triangle (as cut), face, object or material
     #[arg(
         long = "patches",
-        value_name = "triangle|face|object|material",
+        value_name = "KIND",
         default_value = "triangle",
         hide_possible_values = true,
         help_heading = "Rows and columns"
