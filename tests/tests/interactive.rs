@@ -567,7 +567,7 @@ fn a_wrong_value_is_refused_in_the_words_of_the_command_line() {
                 .any(|row_shown| row_shown.contains(&row) && row_shown.contains(&format!("{right}*")))
         });
     }
-    // Hemicubes a patch and a tolerance exclude each other: the last choice holds.
+    // Pixels and a tolerance, and hemicubes a patch and a tolerance, exclude each other: the last choice holds.
     let screen = terminal.screen();
     let (_, rows) = open_question(&screen).expect("a menu");
     assert!(
@@ -579,7 +579,7 @@ fn a_wrong_value_is_refused_in_the_words_of_the_command_line() {
     terminal.pick(MAIN, "Compute form factors");
     terminal.pick(SCENE, "cornell-box.obj");
     terminal.asked(RUN);
-    let line = "compute cornell-box.obj -o cornell-box.hemicube --resolution 64 --samples 4\n";
+    let line = "compute cornell-box.obj -o cornell-box.hemicube --samples 4\n";
     assert!(terminal.screen().contains(line), "{}", terminal.screen());
 }
 
@@ -589,7 +589,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     cornell(&place);
     std::fs::write(
         place.path("hemicube.toml"),
-        "# ours\nresolution = 128 # enough\ntolerance = 0.02\nscenes = \"more\"\n",
+        "# ours\ncorrection = \"area\" # enough\ntolerance = 0.02\nscenes = \"more\"\n",
     )
     .unwrap();
     std::fs::create_dir(place.path("more")).unwrap();
@@ -617,7 +617,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     terminal.asked(CHANGE);
     assert_eq!(
         file(),
-        "# ours\nresolution = 64 # enough\n# tolerance = 0.02\nscenes = \"more\"\ncorrection = \"pixel\"\n"
+        "# ours\ncorrection = \"pixel\" # enough\n# tolerance = 0.02\nscenes = \"more\"\nresolution = 64\n"
     );
     // Options are not needed for them any more.
     terminal.pick(CHANGE, "Back");
