@@ -72,7 +72,7 @@ pub(crate) struct SceneSettings {
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
-    /// The axis that points up [default: the file's, or as names and normals tell]
+    /// The axis that points up [default: the file's, or found]
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR

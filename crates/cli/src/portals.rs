@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mirrors, glass, symmetry")]
 pub(crate) struct PortalSettings {
-    /// Follow mirrors and panes: `specular`, `transmittance` in tables `[material."NAME*"]`, `[object.NAME]`
+    /// Follow mirrors and panes: `[material.NAME]`, `specular = 0.9`
     #[arg(long, value_name = "FILE.toml")]
     pub(crate) specular: Option<PathBuf>,
     /// End a path where no more than B of it is left; a twentieth of the tolerance, or 1e-4

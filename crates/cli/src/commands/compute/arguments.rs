@@ -66,7 +66,7 @@ pub(crate) struct Arguments {
         hide = true
     )]
     pub(crate) batch: u32,
-    /// Rows and columns: triangle (as cut), face, object or material
+    /// Rows and columns: triangle, face, object or material
     #[arg(
         long = "patches",
         value_name = "KIND",
