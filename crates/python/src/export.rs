@@ -133,7 +133,11 @@ impl Asked<'_> {
             if let Some(grouping) = grouping {
                 results.spread(&grouping).map_err(|error| failed(&error))?;
             }
-            let up = self.up.or(scene.input.scene.up).unwrap_or(Axis::Z);
+            let up = match self.up {
+                Some(up) => up,
+                None if format.is_upright() => known_up(&scene.input)?,
+                None => Axis::Z,
+            };
             results.place(&scene.patches, up).map_err(|error| failed(&error))?;
         }
         if format.has_colors() {
@@ -157,6 +161,17 @@ impl Asked<'_> {
         };
         write_patches(&results, path, format, options).map_err(|error| failed(&error))
     }
+}
+
+/// The axis that points up in a scene, by the program's rule.
+fn known_up(scene: &hemicube_scene::Scene) -> PyResult<Axis> {
+    let found = hemicube_scene::up::up(scene);
+    found.known().ok_or_else(|| {
+        let reason = &found.reason;
+        errors::input(format!(
+            "`up` is needed: the scene does not say which axis points up ({reason})"
+        ))
+    })
 }
 
 /// Zones of a matrix: patches added up by object, material or face. `zones["floor", "ceiling"]` is the form factor from
