@@ -1,7 +1,7 @@
 //! Measures the tables and constants of the error model anew, and prints them beside the committed ones.
 //!
-//! `fit_error_model [ROWS]`: over a block city and a real tile, each uncut and cut, ROWS (default: 200) rows of each for
-//! prior variances, every ROWSth patch for rays. `scripts/fit-error-model` runs it. Times are of this machine.
+//! `fit_error_model [ROWS]`: over a block city and a real tile, each uncut and cut, ROWS (default: 200) rows of each
+//! for prior variances, every ROWSth patch for rays. `scripts/fit-error-model` runs it. Times are of this machine.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use hemicube::Model;

@@ -36,7 +36,8 @@ pub fn python(test: &str, modules: &[&str]) -> Option<OsString> {
     None
 }
 
-/// The folder of Debian's PETSc with petsc4py, for `PETSC_DIR`, by which `/usr/bin/python3` finds it; `None` without it.
+/// The folder of Debian's PETSc with petsc4py, for `PETSC_DIR`, by which `/usr/bin/python3` finds it; `None` without
+/// it.
 pub fn petsc_folder() -> Option<PathBuf> {
     let named = std::env::var_os("PETSC_DIR").map(PathBuf::from);
     let versions = std::fs::read_dir("/usr/lib/petscdir").into_iter().flatten().flatten();

@@ -1,5 +1,6 @@
-//! Patches by face, object or material: surfaces of enclosures against closed forms, whatever their triangles; aggregates
-//! of the triangles' own matrix; and the same bytes whoever computes them, and however often it is interrupted.
+//! Patches by face, object or material: surfaces of enclosures against closed forms, whatever their triangles;
+//! aggregates of the triangles' own matrix; and the same bytes whoever computes them, and however often it is
+//! interrupted.
 
 use glam::DVec3;
 use hemicube_tests::geometry::{between_polygons, box_inside, circle, flipped, parallel_rectangles};

@@ -172,8 +172,8 @@ fn a_plane_sees_a_rectangle_as_the_catalogue_says() {
     }
 }
 
-/// ∫ k dω over a wall at x = `distance` from y = −2 to 3 and z = −1.2 to 1.6 about a body at the origin, by the midpoint
-/// rule.
+/// ∫ k dω over a wall at x = `distance` from y = −2 to 3 and z = −1.2 to 1.6 about a body at the origin, by the
+/// midpoint rule.
 fn wall_by_quadrature(kernel: impl Fn(DVec3) -> f64, distance: f64) -> f64 {
     let n = 1200;
     let (step_y, step_z) = (5.0 / f64::from(n), 2.8 / f64::from(n));

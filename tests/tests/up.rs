@@ -1,5 +1,5 @@
-//! Which axis points up is one rule in every command: `--up`, the file's word, what names and normals leave no doubt of;
-//! otherwise it is asked for.
+//! Which axis points up is one rule in every command: `--up`, the file's word, what names and normals leave no doubt
+//! of; otherwise it is asked for.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 

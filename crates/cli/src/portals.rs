@@ -41,7 +41,13 @@ pub(crate) struct PortalSettings {
     #[arg(long, value_name = "AXIS=A..B,…", value_delimiter = ',', value_parser = period, allow_hyphen_values = true)]
     pub(crate) periodic: Vec<Period>,
     /// Repeats on either side of a period; by default as many as take what is cut off to a tenth of the tolerance
-    #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(0..=1000), requires = "periodic", hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "R",
+        value_parser = clap::value_parser!(u32).range(0..=1000),
+        requires = "periodic",
+        hide_short_help = true
+    )]
     pub(crate) repeats: Option<u32>,
 }
 

@@ -1,5 +1,5 @@
-// Hidden beginning of the documentation's examples. Each includes this file in a module `room`: an example cannot call a
-// function of another one, and making a store takes more lines than the example is about.
+// Hidden beginning of the documentation's examples. Each includes this file in a module `room`: an example cannot call
+// a function of another one, and making a store takes more lines than the example is about.
 
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};

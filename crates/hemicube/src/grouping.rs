@@ -9,8 +9,8 @@
 //! F_IJ = Σ_{i∈I} A_i Σ_{j∈J} F_ij / Σ_{i∈I} A_i
 //! ```
 //!
-//! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). F_II is 0 where all elements of I lie
-//! in one plane; elsewhere a patch may see itself.
+//! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). F_II is 0 where all elements of I
+//! lie in one plane; elsewhere a patch may see itself.
 
 use hemicube_scene::{InputPatch, Patches, Scene, Side};
 use serde::{Deserialize, Serialize};

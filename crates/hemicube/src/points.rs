@@ -12,19 +12,20 @@
 //!                                                       over radius 7.33, mantle 0.88 of its area
 //! ```
 //!
-//! Hemicubes sum the kernel over pixels ([`crate::delta::DeltaTable`]): one about a plane's normal, two back to back about
-//! the way up for sphere and cylinder, six for a person or a cube. Weights of a hemicube sum to 2³¹, in integers. The
-//! horizon is then the edge of both hemicubes: what escapes above it is sky, below it ground, without a pixel on both.
+//! Hemicubes sum the kernel over pixels ([`crate::delta::DeltaTable`]): one about a plane's normal, two back to back
+//! about the way up for sphere and cylinder, six for a person or a cube. Weights of a hemicube sum to 2³¹, in integers.
+//! The horizon is then the edge of both hemicubes: what escapes above it is sky, below it ground, without a pixel on
+//! both.
 //!
 //! A patch that shows all pixels of its outline has the closed form from the point: Lambert's contour sum, the solid
-//! angle (van Oosterom & Strackee 1983), the contour integral of the mantle. Others have it times their visible share of
-//! the outline's weight. What then lacks to 1 is shared among the latter, by the lesser of what is seen and what is
+//! angle (van Oosterom & Strackee 1983), the contour integral of the mantle. Others have it times their visible share
+//! of the outline's weight. What then lacks to 1 is shared among the latter, by the lesser of what is seen and what is
 //! hidden of each, and sky, ground and backs, so that every row sums to 1.
 //!
-//! With a tolerance T, hemicubes of twice the resolution follow, up to the finest, then twice as many of them with other
-//! turns, up to [`TURNS_MAX`], until a row changes by T of its Euclidean norm at most, and sky, ground and blocked share
-//! by T of the whole. The row's error is then less than that change: it is what the coarser of the two has. Rows that
-//! still change keep their last value, and are counted ([`SensorRow::is_settled`]).
+//! With a tolerance T, hemicubes of twice the resolution follow, up to the finest, then twice as many of them with
+//! other turns, up to [`TURNS_MAX`], until a row changes by T of its Euclidean norm at most, and sky, ground and
+//! blocked share by T of the whole. The row's error is then less than that change: it is what the coarser of the two
+//! has. Rows that still change keep their last value, and are counted ([`SensorRow::is_settled`]).
 //!
 //! A row depends on the scene, the settings and its own sensor: not on others, nor on the number of threads.
 
@@ -194,8 +195,8 @@ pub struct PointOptions {
 }
 
 impl PointOptions {
-    /// The resolutions of the levels: one without a tolerance, otherwise doubled as far as backends go. As many sessions
-    /// of a backend are needed.
+    /// The resolutions of the levels: one without a tolerance, otherwise doubled as far as backends go. As many
+    /// sessions of a backend are needed.
     ///
     /// ```
     /// use hemicube::backend::{Culling, RenderSettings};

@@ -329,8 +329,8 @@ impl<'m> Reference<'m> {
         Ok(sight.normal.dot(direction) > 0.0 && self.occluders.first(&sight, from, direction) == Met::Nothing)
     }
 
-    /// The end of a ray from a free point; both in the scene's coordinates, the direction of any length but 0. Of surfaces
-    /// in one plane the patch with the smaller id is met, and any patch before a back.
+    /// The end of a ray from a free point; both in the scene's coordinates, the direction of any length but 0. Of
+    /// surfaces in one plane the patch with the smaller id is met, and any patch before a back.
     pub fn first(&self, from: DVec3, direction: DVec3) -> RayEnd {
         let (from, direction) = (self.model.normalise(from), direction.normalize_or_zero());
         // Nothing behind the point is met.

@@ -19,10 +19,10 @@
 //!
 //! F\[i, j\] is from i to j: the fraction of the diffuse energy leaving patch i that reaches patch j. Rows and columns
 //! are *input patches*, positions in the scene file's face order; the order of work (Morton) shows only in the rows of
-//! a part. With `settings.patches` of `face`, `object` or `material`, rows and columns are *patches of several elements*
-//! ([`crate::Grouping`]), in the order of their first elements. Areas, weights, hemicubes and rays of a patch are sums
-//! over its elements, shares are area-weighted means; face, object or material are 2³² − 1 where its elements have
-//! several, and the normal is zero where they lie in no plane.
+//! a part. With `settings.patches` of `face`, `object` or `material`, rows and columns are *patches of several
+//! elements* ([`crate::Grouping`]), in the order of their first elements. Areas, weights, hemicubes and rays of a patch
+//! are sums over its elements, shares are area-weighted means; face, object or material are 2³² − 1 where its elements
+//! have several, and the normal is zero where they lie in no plane.
 //!
 //! Weights are fixed point, 2³¹ for each hemicube: visible + escaped + blocked + unselected = hemicubes · 2³¹ holds
 //! exactly, row by row. Shares ([`RowShares`]) are for users: with the form factors of a row they sum to 1.

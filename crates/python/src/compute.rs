@@ -196,8 +196,8 @@ fn interrupted() -> PyErr {
 /// `occluders` are lists of globs for names of objects and materials with rows, with columns, or with neither. Form
 /// factors below `min_factor` are left out, and their sum is shared by the others of their row.
 ///
-/// `patches='object'`, `'material'` or `'face'` makes rows and columns of those instead of triangles; `Matrix.names` has
-/// their names, and `rows` and `sample_rows` count them.
+/// `patches='object'`, `'material'` or `'face'` makes rows and columns of those instead of triangles; `Matrix.names`
+/// has their names, and `rows` and `sample_rows` count them.
 ///
 /// Without `output` the matrix is in memory. With it, it is a store in that directory, with the bytes of the program's
 /// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room.

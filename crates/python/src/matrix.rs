@@ -758,12 +758,12 @@ impl Matrix {
     }
 
     /// Writes the matrix, or what is known of its patches, to a file, whose extension names its format: `.npz`, `.mtx`,
-    /// `.txt`, `.npy` or `.parquet` for the matrix; `.vtp`, `.vtu`, `.glb`, `.ply` or `.csv` for the patches, `.npz` with
-    /// `patches=True`. Returns the file's size in bytes.
+    /// `.txt`, `.npy` or `.parquet` for the matrix; `.vtp`, `.vtu`, `.glb`, `.ply` or `.csv` for the patches, `.npz`
+    /// with `patches=True`. Returns the file's size in bytes.
     ///
-    /// `values` are more results of the patches, by name: (n,) numbers each, such as radiosities. Formats with the shape
-    /// of the patches need the `scene`; `.glb` and `.ply` are coloured by the result `show`, by default the last of
-    /// `values`, or the number of patches in sight. `up` is for `.glb`, by default the scene's.
+    /// `values` are more results of the patches, by name: (n,) numbers each, such as radiosities. Formats with the
+    /// shape of the patches need the `scene`; `.glb` and `.ply` are coloured by the result `show`, by default the last
+    /// of `values`, or the number of patches in sight. `up` is for `.glb`, by default the scene's.
     #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn export(

@@ -70,7 +70,8 @@ impl Points {
         PyArray1::from_vec(py, self.rows.iter().map(|row| row.is_settled).collect())
     }
 
-    /// View factors to each patch: a `scipy.sparse.csr_matrix`. Its row sums, `sky`, `ground` and `blocked` add up to 1.
+    /// View factors to each patch: a `scipy.sparse.csr_matrix`. Its row sums, `sky`, `ground` and `blocked` add up to
+    /// 1.
     fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let (mut indptr, mut indices, mut data) = (vec![0_i64], Vec::<i64>::new(), Vec::new());
         for row in &self.rows {
@@ -157,12 +158,13 @@ fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
     }
 }
 
-/// View factors of free points to patches, sky and ground: sensors, measurements, people; no row of a patch is computed.
+/// View factors of free points to patches, sky and ground: sensors, measurements, people; no row of a patch is
+/// computed.
 ///
-/// `positions` are (m, 3), in the scene's coordinates. `body` is 'plane' (with `normals`, (m, 3)), 'sphere', 'cube' (six
-/// rows a point), 'person' (standing, six weighted sides) or 'cylinder' (upright); by default a plane with normals and a
-/// sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by no more
-/// than this share. `progress(done, total)` is called with numbers of points some times a second.
+/// `positions` are (m, 3), in the scene's coordinates. `body` is 'plane' (with `normals`, (m, 3)), 'sphere', 'cube'
+/// (six rows a point), 'person' (standing, six weighted sides) or 'cylinder' (upright); by default a plane with normals
+/// and a sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by
+/// no more than this share. `progress(done, total)` is called with numbers of points some times a second.
 #[pyfunction]
 #[pyo3(signature = (
     scene, positions, *, normals=None, body=None, up=None, tolerance=None, resolution=None, backend="cpu",

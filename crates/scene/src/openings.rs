@@ -84,8 +84,8 @@ struct Piece {
 
 #[cfg(feature = "_buildings")]
 impl Piece {
-    /// Its bounds are those along the wall: `across` is the axis nearest to the wall's normal, along which an opening may
-    /// lie off.
+    /// Its bounds are those along the wall: `across` is the axis nearest to the wall's normal, along which an opening
+    /// may lie off.
     fn new(corners: Vec<DVec3>, across: usize) -> Self {
         let mut least = corners.iter().fold(DVec3::INFINITY, |least, &corner| least.min(corner));
         let mut most = corners

@@ -96,7 +96,8 @@ fn volume(scene: &Scene) -> f64 {
     corners(scene).iter().map(of).sum()
 }
 
-/// The room of `room.obj`, written by meshio 5.3, Gmsh 4.15 and VTK 9.7, and as input of CalculiX, and whether with the names of objects.
+/// The room of `room.obj`, written by meshio 5.3, Gmsh 4.15 and VTK 9.7, and as input of CalculiX, and whether with the
+/// names of objects.
 const ROOMS: &[(&str, bool)] = &[
     ("room-22-text.msh", true),
     ("room-22-binary.msh", true),

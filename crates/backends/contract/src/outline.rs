@@ -137,8 +137,8 @@ pub fn weights_within(corners: &[[f64; 3]; 3], table: &DeltaTable) -> (u32, u32)
     sums
 }
 
-/// Returns the weight of a face's pixels certainly inside the outline of a triangle, and of those inside. Corners are in
-/// the patch frame.
+/// Returns the weight of a face's pixels certainly inside the outline of a triangle, and of those inside. Corners are
+/// in the patch frame.
 ///
 /// A ray through a pixel meets the triangle if it is on the inner side of the three planes through the eye and an edge;
 /// this holds for triangles reaching behind the eye, too.

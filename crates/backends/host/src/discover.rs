@@ -1,7 +1,7 @@
 //! The folders searched for backends, in order.
 //!
-//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder (for
-//! backends asked for by name), `../lib/hemicube/backends` from there, the user's data folder, the system's. Not
+//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder
+//! (for backends asked for by name), `../lib/hemicube/backends` from there, the user's data folder, the system's. Not
 //! recursive.
 //!
 //! No manifest, because the file's name says it all. With raised privileges, folders chosen by the program's caller are

@@ -75,9 +75,9 @@ pub(crate) struct Arguments {
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     format: Option<String>,
-    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table with their
-    /// names, `.csv`, what View3D writes, `.vf`, or any format of matrices, in the table's order; with `--for`, the
-    /// solver's rows
+    /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table with
+    /// their names, `.csv`, what View3D writes, `.vf`, or any format of matrices, in the table's order; with `--for`,
+    /// the solver's rows
     #[arg(long, value_name = "WHAT", conflicts_with_all = OF_PATCHES)]
     by: Option<ZoneName>,
     /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found

@@ -2,10 +2,10 @@
 //!
 //! `page.rs` writes one HTML file: sections as text, histograms as SVG, and arrays (`blocks.rs`: deflated, in base64,
 //! each in a `<script>` that no browser runs). The entries of each row (`rows.rs`), all of them or the largest, are
-//! unpacked 65,536 at a time, on a click. `viewer/` runs in the page. It draws all patches at once without an index, so that a vertex's
-//! number gives its patch; colours come from a texture, and the patch under the mouse from one pixel drawn in colours
-//! of ids. It is bundled with three.js by `scripts/viewer.sh` and committed, so that the program is built without Node;
-//! `./test` bundles it again and compares. The page's own policy forbids it to load anything.
+//! unpacked 65,536 at a time, on a click. `viewer/` runs in the page. It draws all patches at once without an index, so
+//! that a vertex's number gives its patch; colours come from a texture, and the patch under the mouse from one pixel
+//! drawn in colours of ids. It is bundled with three.js by `scripts/viewer.sh` and committed, so that the program is
+//! built without Node; `./test` bundles it again and compares. The page's own policy forbids it to load anything.
 //!
 //! No own WebGL in the page, because three.js has turned and zoomed models on every browser for years; the page's own
 //! code is only the part special to patches.
@@ -73,8 +73,8 @@ pub(crate) struct Arguments {
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// How many of the largest entries of each row the page has; 0: no rows [default: all where they take 32 MB at most,
-    /// 6.4 million entries; else 32; 0 above 250,000 patches]
+    /// How many of the largest entries of each row the page has; 0: no rows [default: all where they take 32 MB at
+    /// most, 6.4 million entries; else 32; 0 above 250,000 patches]
     #[arg(long, value_name = "N|all", value_parser = entries)]
     pub(crate) entries: Option<u32>,
     /// A solution to colour the model by (repeatable) [default: all that there are]

@@ -16,8 +16,8 @@
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
-//! and of its files against their checksums. [`verdict`] sums them up. Reciprocity has no bound of its own in pixel mode: the two sides are two
-//! hemicubes at two points.
+//! and of its files against their checksums. [`verdict`] sums them up. Reciprocity has no bound of its own in pixel
+//! mode: the two sides are two hemicubes at two points.
 
 pub mod verdict;
 

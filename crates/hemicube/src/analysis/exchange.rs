@@ -13,8 +13,8 @@
 //!
 //! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]). The
 //! surroundings, the last column, absorb all that leaves the scene. Then Σ_j G_ij + G_i,surroundings = 1 by
-//! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and [`Exchange::reciprocity`] measure
-//! both.
+//! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and
+//! [`Exchange::reciprocity`] measure both.
 //!
 //! A column of G is the irradiance where surface j alone emits ε_j: [`solve`] finds some tens of them at once, by
 //! products with F'. No elimination, because that takes N³ operations where scenes of many surfaces have sparse F.

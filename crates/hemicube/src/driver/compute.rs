@@ -138,8 +138,8 @@ pub struct Summary {
     pub corrected: u64,
     /// Partially visible pairs, at accuracy levels that know.
     pub partial: u64,
-    /// Rows of elements that met the bound on their work before all pairs worth it were measured. Their expected error, at accuracy
-    /// levels that estimate it, includes the pairs left.
+    /// Rows of elements that met the bound on their work before all pairs worth it were measured. Their expected error,
+    /// at accuracy levels that estimate it, includes the pairs left.
     pub cut_short: u64,
     /// Counts of the backend.
     pub counters: Counters,

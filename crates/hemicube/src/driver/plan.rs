@@ -106,8 +106,8 @@ pub struct Groups {
 }
 
 impl Groups {
-    /// The rows of `choice`, of patches, in the order of their first elements in `order`. Returns the elements, in their
-    /// order within each patch, as well.
+    /// The rows of `choice`, of patches, in the order of their first elements in `order`. Returns the elements, in
+    /// their order within each patch, as well.
     fn new(grouping: Arc<Grouping>, choice: RowChoice, order: &[InputPatch]) -> (Self, Vec<InputPatch>) {
         let mut place = vec![u32::MAX; grouping.len()];
         let mut patches = Vec::new();

@@ -117,8 +117,8 @@ pub struct NoMatch {
     pub there: String,
 }
 
-/// Returns whether `name` matches `glob`, with case: `?` is any character, `*` any number of them, all others themselves.
-/// Time is at most the product of the lengths.
+/// Returns whether `name` matches `glob`, with case: `?` is any character, `*` any number of them, all others
+/// themselves. Time is at most the product of the lengths.
 ///
 /// ```
 /// use hemicube::driver::selection::matches_glob;

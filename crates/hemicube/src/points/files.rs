@@ -14,8 +14,8 @@ pub enum Table {
     Whole(Vec<u64>, Vec<i64>),
 }
 
-/// Writes rows over `patch_count` patches; beside the matrix `sky`, `ground`, `blocked`, `change`, `hemicubes`, a number
-/// a row, and `more` arrays by their names.
+/// Writes rows over `patch_count` patches; beside the matrix `sky`, `ground`, `blocked`, `change`, `hemicubes`, a
+/// number a row, and `more` arrays by their names.
 ///
 /// # Errors
 /// When the file cannot be written.

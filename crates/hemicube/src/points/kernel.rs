@@ -1,4 +1,5 @@
-//! Kernels over the half sphere about a hemicube's normal: their weights on pixels and their closed forms over triangles.
+//! Kernels over the half sphere about a hemicube's normal: their weights on pixels and their closed forms over
+//! triangles.
 //!
 //! The mantle of an upright cylinder, sin θ over the solid angle, over a spherical polygon of arcs about the pole:
 //!
@@ -6,8 +7,8 @@
 //! ∫∫ sin²θ dθ dφ = ∮ G dφ,   G = (θ − sin θ cos θ) / 2,   dφ/ds = n_z / sin²θ along an arc with the normal n
 //! ```
 //!
-//! The integrand G / sin²θ · n_z is smooth, θ/3 · n_z at the pole: Gauss–Legendre's eight points on pieces of an arc do,
-//! cut where the arc is nearest to the pole.
+//! The integrand G / sin²θ · n_z is smooth, θ/3 · n_z at the pole: Gauss–Legendre's eight points on pieces of an arc
+//! do, cut where the arc is nearest to the pole.
 
 use crate::delta::DeltaTable;
 use crate::factor::{angle, point_to_polygon};

@@ -1,9 +1,9 @@
 //! GMRES for several right-hand sides: Krylov spaces of their own, products with the matrix in common.
 //!
 //! Source: Saad & Schultz 1986, algorithm 4, with modified Gram–Schmidt and Givens rotations. Where it is asked for,
-//! the last steps of a cycle go along the corrections of the cycles before (LGMRES: Baker, Jessup & Manteuffel 2005, *SIAM
-//! J. Matrix Anal. Appl.* 26, 962): restarts then no longer forget the slow directions, such as the level of a whole
-//! room in which one small surface alone has a temperature.
+//! the last steps of a cycle go along the corrections of the cycles before (LGMRES: Baker, Jessup & Manteuffel 2005,
+//! *SIAM J. Matrix Anal. Appl.* 26, 962): restarts then no longer forget the slow directions, such as the level of a
+//! whole room in which one small surface alone has a temperature.
 
 use super::{Block, SolveError, Work};
 

@@ -8,8 +8,8 @@
 //!
 //! Of each patch at most one table of objects and one of materials hold: that of the exact name, otherwise the matching
 //! pattern with most characters besides `*` and `?`. Two such patterns are an error. Each value is the object's
-//! table's, otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition (`temperature`,
-//! `adiabatic`, `flux`, `heat`, `isothermal`) is one value.
+//! table's, otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition
+//! (`temperature`, `adiabatic`, `flux`, `heat`, `isothermal`) is one value.
 //!
 //! A table holds for each name that it matches by itself: `heat` is each surface's, and an isothermal pattern makes one
 //! temperature for each name.

@@ -5,8 +5,8 @@ use crate::grouping::{Grouping, PatchKind};
 use glam::DVec3;
 use hemicube_scene::{Patches, Scene};
 
-/// Distance from a plane, in diameters of the patch's box, up to which elements lie in it, and the least cosine of their
-/// normals with the plane's: single precision moves corners so far, and tilts small elements up to 2⁻¹⁰.
+/// Distance from a plane, in diameters of the patch's box, up to which elements lie in it, and the least cosine of
+/// their normals with the plane's: single precision moves corners so far, and tilts small elements up to 2⁻¹⁰.
 const IN_PLANE: f64 = 1e-6;
 const UPRIGHT: f64 = 1.0 - 5e-7;
 
@@ -27,8 +27,8 @@ struct Sums {
 
 impl PatchTable {
     /// The table of a grouping's patches: area Σ A, centroid Σ A c / Σ A, and the unit normal where all elements lie in
-    /// one plane (to 10⁻⁶ of the patch's box, tilted to 10⁻³) and face one way; zero elsewhere. Face, object and material are
-    /// [`Self::SEVERAL`] where the elements have several. O(elements).
+    /// one plane (to 10⁻⁶ of the patch's box, tilted to 10⁻³) and face one way; zero elsewhere. Face, object and
+    /// material are [`Self::SEVERAL`] where the elements have several. O(elements).
     pub fn grouped(scene: &Scene, patches: &Patches, grouping: &Grouping) -> Self {
         let mut table = Self::default();
         let mut sums: Vec<Sums> = Vec::with_capacity(grouping.len());

@@ -1,6 +1,6 @@
-//! Feeds bytes to the EnergyPlus reader: it may refuse them, but not panic, hang or take memory that the bytes don't justify,
-//! and a scene that it hands out refers only to what is there. From `crates/scene`, keeping what is found out of the
-//! committed corpus:
+//! Feeds bytes to the EnergyPlus reader: it may refuse them, but not panic, hang or take memory that the bytes don't
+//! justify, and a scene that it hands out refers only to what is there. From `crates/scene`, keeping what is found out
+//! of the committed corpus:
 //!
 //! ```text
 //! mkdir -p fuzz/artifacts/new

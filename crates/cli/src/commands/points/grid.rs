@@ -296,8 +296,9 @@ struct Above {
     is_back: bool,
 }
 
-/// Points above the lowest surface that looks up, but those below the back of a surface: in a solid, or under the ground.
-/// Inside a solid that stands wall to wall with others, fronts of theirs are all round, and only its roof tells.
+/// Points above the lowest surface that looks up, but those below the back of a surface: in a solid, or under the
+/// ground. Inside a solid that stands wall to wall with others, fronts of theirs are all round, and only its roof
+/// tells.
 fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f64, height: f64) -> Result<Grid> {
     let frame = Frame([horizon.east, horizon.north, horizon.up]);
     let mut layout = Layout::new(prepared, frame, chosen, step)?;
