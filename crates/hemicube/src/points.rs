@@ -124,7 +124,8 @@ impl Body {
         }
     }
 
-    /// The kernel k(ω) of each row, per steradian, for a unit vector ω: ∫ k = 1.
+    /// The kernel k(ω) of each row, per steradian, for a unit vector ω: ∫ k = 1. The horizon, where the halves of sphere
+    /// and cylinder meet, counts for both.
     ///
     /// ```
     /// use hemicube::frame::Horizon;
@@ -135,7 +136,7 @@ impl Body {
     /// let horizon = Horizon::new(Axis::Z, 0.0);
     /// let at = |body: Body, direction| body.kernel(&horizon, direction)[0] * std::f64::consts::PI;
     /// assert!((at(Body::Plane(DVec3::Z), DVec3::Z) - 1.0).abs() < 1e-12);
-    /// assert!((at(Body::Sphere, DVec3::X) - 0.25).abs() < 1e-12);
+    /// assert!((at(Body::Sphere, DVec3::new(0.6, 0.0, 0.8)) - 0.25).abs() < 1e-12);
     /// // A standing person is broad from the side and narrow from above.
     /// assert!(at(Body::Person, DVec3::X) > 3.0 * at(Body::Person, DVec3::Z));
     /// assert!((at(Body::Cylinder, DVec3::Z) - 0.06).abs() < 1e-12);

@@ -245,7 +245,7 @@ pub struct CheckReport {
 ///
 /// let report = check(&store, &CheckOptions::default())?;
 /// assert!(report.ok && report.closure.max < 1e-6, "{:?}", report.failures);
-/// assert!(report.verdicts.are_ok());
+/// assert!(report.verdicts.integrity.failed.is_empty());
 ///
 /// // One bit of the matrix, on a disk that forgets.
 /// let part = directory.join(&store.manifest().parts[0].file);
