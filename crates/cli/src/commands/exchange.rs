@@ -110,7 +110,7 @@ struct Report<'a> {
     bands: &'a [String],
     /// Largest |Σ G − 1| of a row, band by band.
     conservation: Vec<f64>,
-    /// Relative difference of A[i] script-F[i, j] and A[j] script-F[j, i], band by band.
+    /// Relative difference of A_i 𝓕_ij and A_j 𝓕_ji, band by band.
     reciprocity: Vec<f64>,
     /// Number of surfaces of each enclosure of two or more.
     enclosures: Vec<usize>,

@@ -3,7 +3,7 @@
 //! - *pixel*: the rays of the pixels that see a portal go on from where they meet it, each with its pixel's weight, in
 //!   whole numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
 //! - *area*, *tolerance*: direct form factors stay. Rays from all over the patch find the pairs seen through portals.
-//!   Segments and closed forms ([`super::pairs`]) measure the largest of them, until the rest by rays keeps its share
+//!   Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its share
 //!   of the tolerance. Two commuting mirrors, as of a duct, make one pair with one closed form for either order.
 //!
 //! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁵ of a tolerance. Paths are cut off
