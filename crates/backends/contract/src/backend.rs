@@ -140,8 +140,10 @@ impl Geometry {
         }
     }
 
-    /// What someone makes of the scene and wants to make only once, whatever the number of sessions: one value of each
-    /// type, made when first asked for and shared from then on.
+    /// Makes a value of the scene once, whatever the number of sessions: one of each type, made when first asked for and
+    /// shared from then on.
+    ///
+    /// Found by its type, because backends and `hemicube` each keep values of their own, which this crate cannot name.
     ///
     /// ```
     /// # use hemicube_contract::backend::Geometry;
