@@ -586,6 +586,30 @@ fn min_patches(text: &str) -> Result<Auto, String> {
     auto(text, 1..=1 << 20)
 }
 
+/// A share by which a refined row may change: `0.1%`, 0.001.
+pub(crate) fn change(text: &str) -> Result<f64, String> {
+    let share = match text.strip_suffix('%') {
+        Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
+        None => text.parse::<f64>(),
+    };
+    match share {
+        Ok(share) if (1e-5..=0.5).contains(&share) => Ok(share),
+        _ => Err("a share from 0.001% to 50% is needed, such as `0.1%`".to_owned()),
+    }
+}
+
+/// Pixels along an edge of a hemicube.
+pub(crate) fn pixels(text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
+        _ => Err(format!(
+            "a multiple of 16 from {} to {} is needed",
+            RESOLUTIONS.start(),
+            RESOLUTIONS.end()
+        )),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,10 +1,11 @@
 //! Output of the program: text and JSON on standard output or in files, and the form of numbers.
 
-use crate::args::Report;
+use crate::args::{Report, Talk};
 use crate::escape::{shown, shown_lines};
 use crate::exit::{OutputClosed, hinted};
 use crate::shell::word;
 use anyhow::{Context, Result, anyhow, bail};
+use hemicube::diagnose::Place;
 use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
 use serde::Serialize;
@@ -431,6 +432,45 @@ pub(crate) fn about(value: f64) -> String {
     )]
     let rounded = ((value / unit).round() * unit).round() as u64;
     count(rounded)
+}
+
+/// Warns of points of a file that are not in the open, by place, with their lines. `places` are of all points or of those
+/// alone.
+pub(crate) fn tell_of_places(path: &Path, points: usize, places: impl Iterator<Item = (Place, u64)>, talk: Talk) {
+    let places: Vec<(Place, u64)> = places.collect();
+    for (place, what, next) in [
+        (
+            Place::InSolid,
+            "in solids, surrounded by backs of one-sided surfaces",
+            "move them out, or turn the surfaces round (`--flip`) if it is an inside that they are in",
+        ),
+        (
+            Place::BelowGround,
+            "below the ground, with its back above them",
+            "raise them above it, and look whether `--up` is right",
+        ),
+        (
+            Place::BehindSheet,
+            "behind surfaces, with backs in more than half of their view",
+            "move them to the other side, turn their normals, or `--two-sided on` if the surfaces are sheets",
+        ),
+    ] {
+        let there: Vec<u64> = places
+            .iter()
+            .filter(|(at, _)| *at == place)
+            .map(|&(_, line)| line)
+            .collect();
+        if !there.is_empty() {
+            talk.warn(&format!(
+                "{} of {} in `{}` {} {what}: {}; {next}",
+                count(there.len() as u64),
+                counted(points as u64, "point"),
+                path.display(),
+                if there.len() == 1 { "is" } else { "are" },
+                lines(&there)
+            ));
+        }
+    }
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use crate::stored;
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
 use heat::Heat;
-use hemicube::backend::{Culling, RESOLUTIONS, RenderSettings};
+use hemicube::backend::{Culling, RenderSettings};
 use hemicube::diagnose::Place;
 use hemicube::driver::room::Work;
 use hemicube::frame::Horizon;
@@ -89,11 +89,11 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "solution", help_heading = "Heat")]
     pub(crate) ground_temperature: Option<f64>,
     /// Refine each row until it changes by no more than this share: 1%, 0.001
-    #[arg(long, value_name = "T", value_parser = share)]
+    #[arg(long, value_name = "T", value_parser = crate::args::change)]
     pub(crate) tolerance: Option<f64>,
     /// Pixels along an edge of the first hemicubes: a multiple of 16 up to 1024 [default: 256; 128 for a
     /// tolerance from 0.5%]
-    #[arg(long, value_name = "N", value_parser = resolution)]
+    #[arg(long, value_name = "N", value_parser = crate::args::pixels)]
     pub(crate) resolution: Option<u32>,
     /// Compare so many points with rows by rays
     #[arg(long, value_name = "POINTS", value_parser = clap::value_parser!(u32).range(1..))]
@@ -183,28 +183,6 @@ fn kelvin(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(kelvin) if (0.0..=1e6).contains(&kelvin) => Ok(kelvin),
         _ => Err("a temperature in kelvin, from 0 on, is needed".to_owned()),
-    }
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    let share = match text.strip_suffix('%') {
-        Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
-        None => text.parse::<f64>(),
-    };
-    match share {
-        Ok(share) if (1e-5..=0.5).contains(&share) => Ok(share),
-        _ => Err("a share from 0.001% to 50% is needed, such as `0.1%`".to_owned()),
-    }
-}
-
-fn resolution(text: &str) -> Result<u32, String> {
-    match text.parse::<u32>() {
-        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
-        _ => Err(format!(
-            "a multiple of 16 from {} to {} is needed",
-            RESOLUTIONS.start(),
-            RESOLUTIONS.end()
-        )),
     }
 }
 

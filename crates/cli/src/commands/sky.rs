@@ -15,7 +15,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use glam::DVec3;
 use hemicube::InputPatch;
-use hemicube::backend::{Culling, HemicubeBackend, RESOLUTIONS, RenderSettings, WHOLE};
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
 use hemicube::driver::room::Work;
 use hemicube::reference::{Reference, ReferenceSettings};
@@ -83,10 +83,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
     /// Refine each row until its sky view factor changes by no more than this share: 1%, 0.001
-    #[arg(long, value_name = "T", value_parser = share)]
+    #[arg(long, value_name = "T", value_parser = crate::args::change)]
     pub(crate) tolerance: Option<f64>,
     /// Pixels along an edge: a multiple of 16 up to 1024 [default: 256, or the matrix's]
-    #[arg(long, value_name = "N", value_parser = resolution)]
+    #[arg(long, value_name = "N", value_parser = crate::args::pixels)]
     pub(crate) resolution: Option<u32>,
     /// Hemicubes a patch: 1, 4, 9, 16… [default: 1, or the matrix's]
     #[arg(long, value_name = "K", value_parser = samples, conflicts_with = "tolerance")]
@@ -122,28 +122,6 @@ fn degrees(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(degrees) if degrees.abs() <= 360.0 => Ok(degrees),
         _ => Err("an angle from -360 to 360 degrees is needed".to_owned()),
-    }
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    let share = match text.strip_suffix('%') {
-        Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
-        None => text.parse::<f64>(),
-    };
-    match share {
-        Ok(share) if (1e-5..=0.5).contains(&share) => Ok(share),
-        _ => Err("a share from 0.001% to 50% is needed, such as `0.1%`".to_owned()),
-    }
-}
-
-fn resolution(text: &str) -> Result<u32, String> {
-    match text.parse::<u32>() {
-        Ok(n) if n % 16 == 0 && RESOLUTIONS.contains(&n) => Ok(n),
-        _ => Err(format!(
-            "a multiple of 16 from {} to {} is needed",
-            RESOLUTIONS.start(),
-            RESOLUTIONS.end()
-        )),
     }
 }
 
@@ -299,39 +277,9 @@ fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, t
 
 /// Warns of points that are not in the open, by place.
 fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced], talk: Talk) {
-    let Some(path) = &arguments.points else { return };
-    let of = counted(points as u64, "point");
-    for (place, what, next) in [
-        (
-            Place::InSolid,
-            "in solids, surrounded by backs of one-sided surfaces",
-            "move them out, or turn the surfaces round (`--flip`) if it is an inside that they are in",
-        ),
-        (
-            Place::BelowGround,
-            "below the ground, with its back above them",
-            "raise them above it, and look whether `--up` is right",
-        ),
-        (
-            Place::BehindSheet,
-            "behind surfaces, with backs in more than half of their view",
-            "move them to the other side, turn their normals, or `--two-sided on` if the surfaces are sheets",
-        ),
-    ] {
-        let there: Vec<u64> = misplaced
-            .iter()
-            .filter(|at| at.place == place)
-            .map(|at| at.line)
-            .collect();
-        if !there.is_empty() {
-            talk.warn(&format!(
-                "{} of {of} in `{}` {} {what}: {}; {next}",
-                count(there.len() as u64),
-                path.display(),
-                if there.len() == 1 { "is" } else { "are" },
-                lines(&there)
-            ));
-        }
+    if let Some(path) = &arguments.points {
+        let places = misplaced.iter().map(|at| (at.place, at.line));
+        report::tell_of_places(path, points, places, talk);
     }
 }
 

@@ -5,7 +5,6 @@ use super::{Arguments, BodyName};
 use crate::args::Talk;
 use crate::exit::hinted;
 use crate::prepare::Prepared;
-use crate::report::{count, counted};
 use crate::table::{self, Either};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec3;
@@ -152,41 +151,9 @@ impl Sensors {
 
     /// Warns of points that are not in the open, by place.
     pub(super) fn tell(&self, arguments: &Arguments, talk: Talk) {
-        let Some(path) = &arguments.points else { return };
-        for (place, what, next) in [
-            (
-                Place::InSolid,
-                "in solids, surrounded by backs of one-sided surfaces",
-                "move them out, or turn the surfaces round (`--flip`) if it is an inside that they are in",
-            ),
-            (
-                Place::BelowGround,
-                "below the ground, with its back above them",
-                "raise them above it, and look whether `--up` is right",
-            ),
-            (
-                Place::BehindSheet,
-                "behind surfaces, with backs in more than half of their view",
-                "move them to the other side, turn their normals, or `--two-sided on` if the surfaces are sheets",
-            ),
-        ] {
-            let there: Vec<u64> = self
-                .places
-                .iter()
-                .zip(&self.lines)
-                .filter(|(at, _)| **at == place)
-                .map(|(_, &line)| line)
-                .collect();
-            if !there.is_empty() {
-                talk.warn(&format!(
-                    "{} of {} in `{}` {} {what}: {}; {next}",
-                    count(there.len() as u64),
-                    counted(self.items.len() as u64, "point"),
-                    path.display(),
-                    if there.len() == 1 { "is" } else { "are" },
-                    crate::report::lines(&there)
-                ));
-            }
+        if let Some(path) = &arguments.points {
+            let places = self.places.iter().copied().zip(self.lines.iter().copied());
+            crate::report::tell_of_places(path, self.items.len(), places, talk);
         }
     }
 }
