@@ -262,6 +262,16 @@ fn row<const N: usize>(text: &str, header: Option<&Header<N>>, names: [&str; N])
     Ok(values)
 }
 
+/// A field of a comma-separated table; names may hold anything.
+pub(crate) fn field(text: &str) -> String {
+    let text = &*hemicube::analysis::zones::table_text(text);
+    if text.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -62,7 +62,7 @@ pub(super) fn is_plain_row(columns: &[u8], values: &[u8], patch_count: u32, end:
         && are_factors(values.iter().map(|&value| f32::from_le_bytes(value)), end)
 }
 
-/// Where the entries of a part come from.
+/// Origin of a part's entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Entries {
     /// A caller: anything may be in them.
