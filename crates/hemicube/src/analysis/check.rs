@@ -23,7 +23,7 @@ pub mod verdict;
 
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
-use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store};
+use crate::store::{Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -380,7 +380,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
 
 /// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
 fn of_row(part: &Part, row: usize) -> [f64; 9] {
-    let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+    let sum = part.row(row).1.iter().sum();
     let [a, b, c] = part.shares[row].to_array();
     let [d, e, f] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]).to_array();
     let passage = part.passages.get(row);
@@ -389,7 +389,7 @@ fn of_row(part: &Part, row: usize) -> [f64; 9] {
 }
 
 /// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
-const FLAT: f32 = 1e-3;
+const FLAT: f64 = 1e-3;
 
 #[derive(Debug)]
 struct Tally {
@@ -507,9 +507,9 @@ impl Tally {
         self.sums = of_part.and_then(|sums| sums.plus(&self.sums)).unwrap_or(self.sums);
     }
 
-    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32]) {
+    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>) {
         let mut before = -1;
-        for (&column, &factor) in columns.iter().zip(factors) {
+        for (&column, factor) in columns.iter().zip(factors) {
             let exists = u32::try_from(column).is_ok_and(|column| column < self.patch_count);
             if !exists || column <= before {
                 self.fail(
@@ -531,9 +531,9 @@ impl Tally {
     }
 
     /// Most of itself that a patch may see.
-    fn most_of_itself(&self, patch: u32) -> f32 {
+    fn most_of_itself(&self, patch: u32) -> f64 {
         if self.has_portals {
-            return f32::INFINITY;
+            return f64::INFINITY;
         }
         match self.flat.as_ref().map(|flat| flat.get(patch as usize)) {
             None => 0.0,
@@ -543,7 +543,7 @@ impl Tally {
     }
 
     /// Holds what a row's mirrors and panes handed on against what arrives there.
-    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32], passage: Passage) {
+    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>, passage: Passage) {
         if !self.has_portals {
             return;
         }
@@ -558,7 +558,7 @@ impl Tally {
                 .unwrap_or(&0.0)
         };
         let arrived = columns.iter().zip(factors);
-        let expected: f64 = arrived.map(|(&column, &factor)| of(column) * f64::from(factor)).sum();
+        let expected: f64 = arrived.map(|(&column, factor)| of(column) * factor).sum();
         if (expected - passage.passed).abs() > PASSED * (1.0 + expected) {
             let passed = passage.passed;
             self.fail(
@@ -582,7 +582,7 @@ impl Tally {
         if hemicubes == 0 {
             return;
         }
-        let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
+        let row_sum: f64 = factors.iter().sum();
         let whole = whole as f64;
         // Form factors are of what arrives, weights of what stays.
         let visible = sums.visible as f64 / whole + passage.passed;
@@ -727,7 +727,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         let of = |row: &crate::store::Row| {
             row.indices
                 .binary_search(&j)
-                .map_or(0.0, |place| f64::from(row.data[place]))
+                .map_or(0.0, |place| row.data.at(place))
         };
         match &held {
             Some(rows) => Ok(rows[i as usize].as_ref().map(of)),
@@ -760,9 +760,9 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         };
         let Some(row) = row else { continue };
         rows += 1;
-        for (&j, &forward) in row.indices.iter().zip(&row.data) {
+        for (&j, forward) in row.indices.iter().zip(&row.data) {
             let Some(backward) = factor(j, i)? else { continue };
-            let (forward, backward) = (areas[i as usize] * f64::from(forward), areas[j as usize] * backward);
+            let (forward, backward) = (areas[i as usize] * forward, areas[j as usize] * backward);
             difference += (forward - backward).powi(2);
             total += forward.powi(2);
             pairs += 1;
