@@ -191,6 +191,13 @@ pub struct CheckReport {
     pub form: Form,
     /// Relative rounding error of a form factor, by the form.
     pub value_error: f64,
+    /// The tolerance asked for, where one was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
+    /// Relative Frobenius error expected of the matrix, √(Σ e² / Σ F²) over the rows that estimate theirs, e; absent
+    /// without a tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_error: Option<f64>,
     /// Entries of a row, over the rows.
     pub entries_per_row: EntriesPerRow,
     /// Weights over all rows.
@@ -418,6 +425,8 @@ struct Tally {
     escaped_bound: Option<f64>,
     closure: Closure,
     closure_sum: f64,
+    /// Σ e² of the rows' expected errors, and Σ F².
+    squares: [f64; 2],
     quality: Quality,
     worst: Vec<WorstRow>,
 }
@@ -433,7 +442,7 @@ impl Tally {
             handed_on: None,
             cut_off: [0.0; 2],
             rounding: {
-                let once = f64::powi(2.0, -24);
+                let once = store.manifest().form.precision().rounding();
                 let shared = if store.manifest().min_factor > 0.0 { once } else { 0.0 };
                 (1.0 + once) * (1.0 + shared) * (1.0 + store.manifest().value_error) - 1.0
             },
@@ -457,6 +466,7 @@ impl Tally {
                 ..Closure::default()
             },
             closure_sum: 0.0,
+            squares: [0.0; 2],
             quality: Quality::default(),
             worst: Vec::new(),
         }
@@ -485,6 +495,9 @@ impl Tally {
 
     fn part(&mut self, place: usize, part: &Part) {
         let mut of_part = Some(RowSums::default());
+        let known = part.errors.iter().filter(|error| !error.is_nan());
+        self.squares[0] += known.map(|&error| f64::from(error).powi(2)).sum::<f64>();
+        self.squares[1] += part.data.iter().map(|factor| factor * factor).sum::<f64>();
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(row);
             self.entries += columns.len() as u64;
@@ -666,6 +679,7 @@ impl Tally {
         self.entries_of_rows.sort_unstable();
         let of_rows = &self.entries_of_rows;
         let rendered = self.closure.rows.max(1) as f64;
+        let tolerance = store.manifest().settings["tolerance"].as_f64();
         CheckReport {
             store: store.directory().to_owned(),
             ok: self.failures.is_empty(),
@@ -677,6 +691,8 @@ impl Tally {
             entries: self.entries,
             form: store.manifest().form,
             value_error: store.manifest().value_error,
+            tolerance,
+            expected_error: tolerance.and(Some((self.squares[0] / self.squares[1]).sqrt()).filter(|e| e.is_finite())),
             entries_per_row: EntriesPerRow {
                 min: of_rows.first().copied().unwrap_or(0),
                 median: of_rows.get(of_rows.len().saturating_sub(1) / 2).copied().unwrap_or(0),

@@ -399,7 +399,7 @@ mod tests {
             .map(|(&area, &escaped)| (area, 1, escaped))
             .collect();
         let names = (0..area.len()).map(|surface| format!("s{surface}")).collect();
-        Network::built(names, measures, (0..).take(area.len()).collect(), &rows)
+        Network::built(names, measures, (0..).take(area.len()).collect(), &rows, Form::Plain)
     }
 
     fn exchange(network: &Network, emissivity: &[f64]) -> Exchange {

@@ -135,7 +135,7 @@ impl<'a> Extender<'a> {
         self.row.clear();
         let entries = draft.part.indices[draft.start..]
             .iter()
-            .zip(draft.part.data.from(draft.start));
+            .zip(draft.part.data.tail(draft.start));
         self.row
             .extend(entries.map(|(&patch, factor)| (patch.cast_unsigned(), factor)));
         if images.is_some_and(Images::has_curtains) {

@@ -204,14 +204,11 @@ impl FactorVec {
 
     /// Those in a range of places; `None` beyond the last.
     pub fn get(&self, range: std::ops::Range<usize>) -> Option<FactorSlice<'_>> {
-        Some(match self {
-            Self::Single(factors) => FactorSlice::Single(factors.get(range)?),
-            Self::Double(factors) => FactorSlice::Double(factors.get(range)?),
-        })
+        self.as_slice().get(range)
     }
 
     /// Those from a place on; none beyond the last.
-    pub fn from(&self, start: usize) -> FactorSlice<'_> {
+    pub fn tail(&self, start: usize) -> FactorSlice<'_> {
         self.get(start..self.len()).unwrap_or_default()
     }
 
@@ -319,6 +316,14 @@ impl<'a> FactorSlice<'a> {
     /// Returns whether there are none.
     pub const fn is_empty(self) -> bool {
         self.len() == 0
+    }
+
+    /// Those in a range of places; `None` beyond the last.
+    pub fn get(self, range: std::ops::Range<usize>) -> Option<FactorSlice<'a>> {
+        Some(match self {
+            Self::Single(factors) => Self::Single(factors.get(range)?),
+            Self::Double(factors) => Self::Double(factors.get(range)?),
+        })
     }
 
     /// The form factor at a place.

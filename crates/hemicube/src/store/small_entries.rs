@@ -101,7 +101,7 @@ pub(crate) struct RowChange {
 /// Leaves small entries out of the last row of a part, from `start` on, and rounds the others. Updates `error`, the
 /// row's expected error.
 pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, error: &mut f32) -> RowChange {
-    let (whole, kept) = sums(part.data.from(start), min_factor);
+    let (whole, kept) = sums(part.data.tail(start), min_factor);
     let cut = if min_factor > 0.0 {
         SmallEntryRule::new(whole, kept, min_factor, MAX_SCALE)
     } else {
@@ -249,7 +249,7 @@ mod tests {
         let mut error = 0.3f32;
         let change = keep(&mut row, 1, 0.05, Form::Plain, &mut error);
         assert_eq!(row.indices, [0, 2, 6, 10]);
-        let sum: f64 = row.data.from(1).iter().sum();
+        let sum: f64 = row.data.tail(1).iter().sum();
         assert!((sum - 1.0).abs() < 1e-7 && (change.whole - 1.0).abs() < 1e-7);
         assert!((row.data.at(1) / row.data.at(2) - 5.0 / 3.0).abs() < 1e-6);
         assert_eq!((change.entries_dropped, change.kept_whole), (2, false));
