@@ -48,6 +48,7 @@ class Scene:
         split: int | None = None,
         patch_size: float | None = None,
         keep_duplicates: bool = False,
+        allow_large: bool = False,
     ) -> Scene: ...
     @classmethod
     def generate(cls, kind: str, patches: int, *, seed: int = 1) -> Scene: ...
