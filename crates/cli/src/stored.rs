@@ -133,25 +133,6 @@ pub(crate) fn guessed_up(store: &Store, path: &Path) -> Result<Option<Up>> {
     Ok(found.known().is_none().then_some(found))
 }
 
-/// Refuses a matrix of patches that are several triangles, for what needs triangles.
-///
-/// # Errors
-/// When it is one; `instead` says what to do.
-pub(crate) fn require_triangles(store: &Store, what: &str, instead: &str) -> Result<()> {
-    let kind = store.manifest().patch_kind();
-    if kind.is_triangle() {
-        return Ok(());
-    }
-    Err(hinted(
-        anyhow!(
-            "{what}, and `{}` is the matrix of patches by {}",
-            store.directory().display(),
-            kind.name()
-        ),
-        instead.to_owned(),
-    ))
-}
-
 /// The sky rows beside a matrix, from `hemicube sky --store`.
 ///
 /// # Errors
