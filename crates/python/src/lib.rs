@@ -18,6 +18,7 @@ mod faces;
 mod heat;
 mod matrix;
 mod numbers;
+mod pandas;
 mod pickle;
 mod points;
 mod scene;
