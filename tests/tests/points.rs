@@ -582,7 +582,7 @@ fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
     let expected = (floor * 303.15_f64.powi(4) + (1.0 - floor) * 290.0_f64.powi(4))
         .sqrt()
         .sqrt();
-    let mrt = number(&found[0]["mrt"]);
+    let mrt = number(&found[0]["mean_radiant_temperature"]);
     assert!((mrt - expected).abs() < 1e-3, "{mrt} {expected}");
     // A solution of black surfaces at these temperatures says the same, by triangle or by object.
     place.write(
@@ -597,7 +597,7 @@ fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
             .line(&format!("solve {kind} --thermal --materials black.toml -q"))
             .is(0);
         let found = rows(&place, &format!("{line} --solution {kind}"));
-        let mrt = number(&found[0]["mrt"]);
+        let mrt = number(&found[0]["mean_radiant_temperature"]);
         assert!((mrt - expected).abs() < 0.01, "{kind}: {mrt} {expected}");
     }
     // What the sky is like has to be said where it is seen.
@@ -610,7 +610,7 @@ fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
         &place,
         "tub.obj --points seat.txt --up z --temperatures t.csv --sky-temperature 250",
     );
-    assert!(number(&found[0]["mrt"]) < mrt);
+    assert!(number(&found[0]["mean_radiant_temperature"]) < mrt);
     place.write("some.csv", "floor,300\n");
     says(
         &place,
