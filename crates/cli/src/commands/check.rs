@@ -218,7 +218,8 @@ pub(super) fn error_against(expected: f64, asked: f64) -> String {
     format!("{} expected, {} asked{verdict}", small_percent(expected), percentage(asked))
 }
 
-/// A verdict in words. {
+/// A verdict in words.
+pub(super) struct Sentence {
     pub(super) subject: &'static str,
     pub(super) state: State,
     pub(super) what: String,
