@@ -83,7 +83,7 @@ pub(super) struct Tracer {
     /// Legs traced, and their bound: beyond it every path is cut off at its next portal.
     pub(super) legs: u64,
     pub(super) legs_max: u64,
-    pending: Vec<u32>,
+    pub(super) pending: Vec<u32>,
     rays: Vec<Ray>,
 }
 
@@ -136,8 +136,7 @@ impl Tracer {
         let at = ray.from + ray.towards * met.distance;
         // The back of a one-sided patch hands on nothing.
         let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
-        let reflected = share(ray.weight, optics.specular);
-        let through = share(ray.weight, optics.transmittance).min(ray.weight - reflected);
+        let [reflected, through] = divide(Some(&optics), ray.weight);
         let arrival = Arrival {
             patch: (met.id < self.tree.patch_count).then_some(met.id),
             at,
@@ -191,6 +190,13 @@ impl Tracer {
             }
         }
     }
+}
+
+/// The parts of a weight that a surface reflects and lets through.
+pub(super) fn divide(optics: Option<&Optics>, weight: u64) -> [u64; 2] {
+    let Some(optics) = optics else { return [0; 2] };
+    let reflected = share(weight, optics.specular);
+    [reflected, share(weight, optics.transmittance).min(weight - reflected)]
 }
 
 /// A share of a weight, rounded down; all of it for 1.
