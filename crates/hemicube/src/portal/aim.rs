@@ -250,7 +250,8 @@ impl<'e> Casts<'e> {
                 let u = stratum.sequence.points(at);
                 for l in 0..BATCH {
                     let Some(target) = stratum.target(at + l) else { continue };
-                    self.shoot(target, [u[0][l], u[1][l], u[2][l], u[3][l]], (weight, bound), (tracer, motions), &mut gather);
+                    let u = [u[0][l], u[1][l], u[2][l], u[3][l]];
+                    self.shoot(target, u, (weight, bound), (tracer, motions), &mut gather);
                 }
             }
         }
@@ -296,13 +297,20 @@ impl<'e> Casts<'e> {
                 corners: met.corners,
                 distance: aimed.distance,
             };
-            tracer.meet(&ray, &met, least, motions, gather);
             let ends = Ends {
                 reach: f64::INFINITY,
                 least,
+                only: None,
             };
+            tracer.meet(&ray, &met, ends, motions, gather);
             tracer.follow_rest(ends, motions, gather);
         }
+    }
+
+    /// Rays cast.
+    pub(super) fn rays(&self) -> usize {
+        let first: usize = self.strata.iter().map(|stratum| stratum.first).sum();
+        first * (self.count / self.first)
     }
 
     /// A weight as a share of all rays'.

@@ -11,8 +11,8 @@
 //! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
 
 use super::aim::Casts;
-use super::gather::{Column, Ledger, apportion};
-use super::motion::{Motions, OTHER};
+use super::gather::{Column, Found, Ledger, apportion};
+use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::Through;
 use super::pass::{Passes, Taker};
 use super::trace::Tracer;
@@ -250,6 +250,7 @@ impl<'a> Extender<'a> {
         let mut casts = Casts::new(emitter, &self.tracer, seen, RAYS[level]);
         self.motions.begin();
         self.ledger.clear();
+        let mut is_by_rays = false;
         let permitted = loop {
             let taken = (&mut self.tracer, &mut self.motions, &mut self.ledger);
             casts.cast(bound, self.cancel, taken, &column);
@@ -258,10 +259,15 @@ impl<'a> Extender<'a> {
             let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
             let permitted = tolerance.map(|tolerance| (PART * tolerance).powi(2) * (factors + through));
             let is_over = self.tracer.legs >= self.tracer.legs_max || self.cancel.load(Ordering::Relaxed);
-            let enough = permitted
-                .is_none_or(|permitted| casts.rest(&self.ledger.sorted(), PAIRS[1], HITS[1]) <= permitted / 2.0);
-            if enough || is_over || casts.count >= RAYS_MAX {
-                break permitted;
+            let Some(permitted) = permitted else { break None };
+            let entries = self.ledger.sorted();
+            if casts.rest(&entries, 0, 0.0) <= permitted {
+                is_by_rays = true;
+                break Some(permitted);
+            }
+            let is_measured = casts.rest(&entries, PAIRS[1], HITS[1]) <= permitted / 2.0;
+            if is_over || casts.count >= RAYS_MAX || is_measured && !is_cheaper(&casts, &entries, permitted) {
+                break Some(permitted);
             }
         };
         // What is handed on first is known from closed forms: rays only divide it.
@@ -282,7 +288,8 @@ impl<'a> Extender<'a> {
             // No ray found a portal that the row sees.
             lost[3] += sent;
         }
-        let known = self.measure(&casts, level, permitted, rule, scale);
+        let most = if is_by_rays { 0 } else { PAIRS[level] };
+        let known = self.measure(&casts, level, (permitted, most), rule, scale);
         balanced(sent, &known, lost)
     }
 
@@ -291,7 +298,7 @@ impl<'a> Extender<'a> {
         &mut self,
         casts: &Casts<'_>,
         level: usize,
-        permitted: Option<f64>,
+        (permitted, most): (Option<f64>, usize),
         rule: FactorRule,
         scale: f64,
     ) -> Vec<Known> {
@@ -314,7 +321,7 @@ impl<'a> Extender<'a> {
                 variance: casts.variance(&found),
                 is_by_rays: true,
             };
-            let is_left = measured < PAIRS[level] && place < LOOKS * PAIRS[level];
+            let is_left = measured < most && place < LOOKS * most;
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
                 let own = self.motions.get(motion).inverse().triangle(emitter.corners);
                 let whole = exchange(&own, &self.model.normalised_corners(patch), &rule) / emitter.area;
@@ -405,6 +412,16 @@ impl<'a> Extender<'a> {
             }
         }
     }
+}
+
+/// Returns whether as many more rays as keep the permitted error cost less than measuring pairs by segments.
+fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted: f64) -> bool {
+    let cast = casts.rays();
+    let over = casts.rest(entries, 0, 0.0) / permitted;
+    // The variance falls as n^(−5/4): by roots, n = over^(3/4) is a little less, and is asked again when they are cast.
+    let wanted = cast as f64 * over.sqrt() * over.sqrt().sqrt();
+    let pairs = entries.iter().take(PAIRS[1]).filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
+    wanted <= (pairs.count() * SEGMENTS[1].0) as f64
 }
 
 /// Arrivals at a patch under a motion.

@@ -96,6 +96,7 @@ impl Through<'_> {
         let ends = |length: f64| Ends {
             reach: length + AT,
             least,
+            only: Some(self.motion),
         };
         let (mut sum, mut arrived, mut passed) = (0.0, 0.0, 0.0);
         let mut found: Vec<(f64, f64)> = Vec::with_capacity(self.least);

@@ -132,6 +132,8 @@ pub(super) struct Passes {
     tree: Arc<Tree>,
     set: InstructionSet,
     planes: Planes,
+    /// Of each patch, and of what is none.
+    is_portal: Vec<bool>,
     window: Window,
     rays: Vec<u32>,
     /// The passes to come.
@@ -155,6 +157,7 @@ impl Passes {
         Self {
             children: vec![Vec::new(); 2 * planes.planes.len()],
             planes,
+            is_portal: optics.iter().map(Optics::is_portal).chain([false]).collect(),
             tree: Arc::clone(tree),
             set: InstructionSet::widest(),
             window: Window::new(),
@@ -182,7 +185,6 @@ impl Passes {
         let (table, fine, bound) = weights;
         let resolution = items.resolution;
         let edge = EDGE as u32;
-        let mut before = (NOTHING, false);
         for face in Face::ALL {
             let (rows, first) = (face.rows(resolution), face.first_row(resolution));
             for (y0, x0) in tiles(rows, resolution) {
@@ -190,11 +192,13 @@ impl Passes {
                     let row = ((first + y) * resolution) as usize;
                     let columns = x0..resolution.min(x0 + edge);
                     let seen = &items.seen[row + x0 as usize..row + columns.end as usize];
+                    let is_portal = |&patch: &u32| self.is_portal[(patch as usize).min(optics.len())];
+                    // Without branches, as far as nothing is found.
+                    if !seen.iter().fold(false, |any, patch| any | is_portal(patch)) {
+                        continue;
+                    }
                     for (x, &patch) in columns.zip(seen) {
-                        if patch != before.0 {
-                            before = (patch, optics.get(patch as usize).is_some_and(Optics::is_portal));
-                        }
-                        if !before.1 {
+                        if !self.is_portal[(patch as usize).min(optics.len())] {
                             continue;
                         }
                         let weight = u64::from(table.weight(face, x, y)) * fine;
@@ -321,7 +325,7 @@ impl Passes {
                     taker.ledger.escaped += pixel.weight;
                     continue;
                 }
-                let passed = if optics.get(id as usize).is_some_and(Optics::is_portal) {
+                let passed = if self.is_portal[(id as usize).min(optics.len())] {
                     self.hand_on(pixel, id, pass.depth, optics, taker.ledger)
                 } else {
                     0

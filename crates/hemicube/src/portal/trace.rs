@@ -62,6 +62,8 @@ pub(super) struct Ends {
     pub(super) reach: f64,
     /// Weight.
     pub(super) least: u64,
+    /// The motion of what is looked for, if only that is: under it, nothing is reflected any more.
+    pub(super) only: Option<MotionId>,
 }
 
 /// Takes the weight of paths.
@@ -125,14 +127,14 @@ impl Tracer {
                         corners: met.corners,
                         distance: met.place * leg,
                     };
-                    self.meet(&ray, &met, ends.least, motions, tally);
+                    self.meet(&ray, &met, ends, motions, tally);
                 }
             }
         }
     }
 
     /// Goes on with a ray at the surface known to be its first.
-    pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, least: u64, motions: &mut Motions, tally: &mut impl Tally) {
+    pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
         let at = ray.from + ray.towards * met.distance;
         // The back of a one-sided patch hands on nothing.
         let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
@@ -156,7 +158,7 @@ impl Tracer {
         let offset = normal.dot(met.corners[0]);
         let is_over = ray.passes >= PASSES_MAX || self.legs >= self.legs_max;
         for (weight, is_mirror) in [(reflected, true), (through, false)] {
-            if weight == 0 {
+            if weight == 0 || is_mirror && ends.only == Some(ray.motion) {
                 continue;
             }
             let on = Ray {
@@ -183,7 +185,7 @@ impl Tracer {
                 },
                 length: arrival.length,
             };
-            if is_over || weight <= least {
+            if is_over || weight <= ends.least {
                 tally.cut(&on, weight);
             } else {
                 self.rays.push(on);

@@ -246,34 +246,36 @@ fn transform(block: &Block, view: &FaceView, at: [u32; 2], out: &mut Lanes) {
         (view.below / view.step) - 0.5 - f64::from(at[1]),
     ];
     let scale = 1.0 / view.step;
+    // Without closures: a function of a library that is not inlined leaves the instruction set.
     for l in 0..LANES {
-        let corners = block.corners_of(l);
-        let heights = [0, 1, 2].map(|k| dot(normal, corners[k]) - offset);
-        out.highest[l] = most(heights[0], most(heights[1], heights[2]));
-        out.lowest[l] = least(heights[0], least(heights[1], heights[2]));
-        let p = [0, 1, 2].map(|k| {
-            let d = minus(corners[k], eye);
-            [dot(u, d), dot(v, d), dot(w, d)]
-        });
-        let n = [cross(p[1], p[2]), cross(p[2], p[0]), cross(p[0], p[1])];
-        let determinant = dot(p[0], n[0]);
+        let [a, b, c] = block.corners_of(l);
+        let (ha, hb, hc) = (dot(normal, a), dot(normal, b), dot(normal, c));
+        out.highest[l] = most(ha, most(hb, hc)) - offset;
+        out.lowest[l] = least(ha, least(hb, hc)) - offset;
+        let (a, b, c) = (minus(a, eye), minus(b, eye), minus(c, eye));
+        let p = [dot(u, a), dot(v, a), dot(w, a)];
+        let q = [dot(u, b), dot(v, b), dot(w, b)];
+        let r = [dot(u, c), dot(v, c), dot(w, c)];
+        let (e, f, g) = (cross(q, r), cross(r, p), cross(p, q));
+        let determinant = dot(p, e);
         let sign = if determinant < 0.0 { -1.0 } else { 1.0 };
-        for c in 0..3 {
-            for k in 0..3 {
-                out.edges[3 * k + c][l] = n[k][c] * sign;
-            }
-            out.depth[c][l] = (n[0][c] + n[1][c] + n[2][c]) / determinant;
+        for k in 0..3 {
+            out.edges[k][l] = e[k] * sign;
+            out.edges[3 + k][l] = f[k] * sign;
+            out.edges[6 + k][l] = g[k] * sign;
+            out.depth[k][l] = (e[k] + f[k] + g[k]) / determinant;
         }
         out.determinant[l] = determinant;
-        let nearest = least(p[0][2], least(p[1][2], p[2][2]));
+        let nearest = least(p[2], least(q[2], r[2]));
         out.nearest[l] = nearest;
         let is_ahead = nearest > 1e-9;
-        for axis in 0..2 {
-            let q = [0, 1, 2].map(|k| p[k][axis] / p[k][2]);
-            let low = least(q[0], least(q[1], q[2])) * scale + first[axis];
-            let high = most(q[0], most(q[1], q[2])) * scale + first[axis];
-            out.range[2 * axis][l] = if is_ahead { low - 1e-6 } else { -1.0 };
-            out.range[2 * axis + 1][l] = if is_ahead { high + 1e-6 } else { EDGE as f64 };
+        let ahead = [1.0 / p[2], 1.0 / q[2], 1.0 / r[2]];
+        for k in 0..2 {
+            let (p, q, r) = (p[k] * ahead[0], q[k] * ahead[1], r[k] * ahead[2]);
+            let low = least(p, least(q, r)) * scale + first[k] - 1e-6;
+            let high = most(p, most(q, r)) * scale + first[k] + 1e-6;
+            out.range[2 * k][l] = if is_ahead { low } else { -1.0 };
+            out.range[2 * k + 1][l] = if is_ahead { high } else { EDGE as f64 };
         }
     }
 }
@@ -287,26 +289,30 @@ fn draw_lanes(
     (tolerance, farthest): (f64, f64),
     window: &mut Window,
 ) -> bool {
-    let last = window.size.map(|size| size as f64 - 1.0);
-    let behind = view.horizon.normal.dot(view.eye) - view.horizon.offset;
-    let limit = view.axes.map(|axis| view.horizon.normal.dot(axis) / -behind);
+    let last = [window.size[0] as f64 - 1.0, window.size[1] as f64 - 1.0];
+    let horizon = &view.horizon;
+    let behind = horizon.offset - horizon.normal.dot(view.eye);
+    let beyond = [
+        horizon.normal.dot(view.axes[0]) / behind,
+        horizon.normal.dot(view.axes[1]) / behind,
+        horizon.normal.dot(view.axes[2]) / behind,
+    ];
     let mut changed = 0;
     for l in 0..LANES {
-        let range = [0, 1, 2, 3].map(|k| lanes.range[k][l]);
+        let range = [lanes.range[0][l], lanes.range[1][l], lanes.range[2][l], lanes.range[3][l]];
         let touches = range[0] <= last[0] && range[1] >= 0.0 && range[2] <= last[1] && range[3] >= 0.0;
         let determinant = lanes.determinant[l];
         let is_hidden = lanes.nearest[l] > 0.0 && 1.0 + 1e-9 < lanes.nearest[l] * farthest;
         if !touches || is_hidden || block.negative[l] == UNUSED || lanes.highest[l] <= tolerance {
             continue;
         }
-        let edges = [0, 1, 2].map(|k| [0, 1, 2].map(|c| lanes.edges[3 * k + c][l]));
-        let depth = [0, 1, 2].map(|c| lanes.depth[c][l]);
+        let depth = [lanes.depth[0][l], lanes.depth[1][l], lanes.depth[2][l]];
         if determinant == 0.0 || !depth[2].is_finite() {
             continue;
         }
         // What lies before the portal's plane is cut away.
         let limit = if lanes.lowest[l] < -tolerance {
-            limit
+            beyond
         } else {
             [0.0, 0.0, f64::INFINITY]
         };
@@ -315,41 +321,41 @@ fn draw_lanes(
         } else {
             u64::from(block.positive[l])
         };
+        let e = &lanes.edges;
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "clamped to the window"
         )]
-        let [x0, x1, y0, y1] = [
+        let (x0, x1, y0, y1) = (
             range[0].max(0.0).ceil() as usize,
             range[1].min(last[0]) as usize,
             range[2].max(0.0).ceil() as usize,
             range[3].min(last[1]) as usize,
-        ];
+        );
         for y in y0..=y1 {
             let b = (f64::from(window.at[1]) + y as f64 + 0.5) * view.step - view.below;
-            let at_row = [0, 1, 2].map(|k| edges[k][1] * b + edges[k][2]);
+            let (p0, q0, r0) = (e[1][l] * b + e[2][l], e[4][l] * b + e[5][l], e[7][l] * b + e[8][l]);
+            let (p1, q1, r1) = (e[0][l], e[3][l], e[6][l]);
             let (depth_at, limit_at) = (depth[1] * b + depth[2], limit[1] * b + limit[2]);
             for chunk in x0 / CHUNK..=x1 / CHUNK {
                 let place = y * CHUNKS + chunk;
-                let (columns, depths, items) = (
-                    &window.columns[chunk],
-                    &mut window.depth[place],
-                    &mut window.item[place],
-                );
-                let (mut found, mut wins) = ([0.0; CHUNK], [0u64; CHUNK]);
+                let columns = &window.columns[chunk];
+                let (depths, items) = (&mut window.depth[place], &mut window.item[place]);
+                let (mut found, mut wins) = ([0u64; CHUNK], [0u64; CHUNK]);
                 for i in 0..CHUNK {
                     let a = columns[i];
-                    let at = f64::from_bits((depth[0] * a + depth_at).to_bits() & DEPTH_BITS);
-                    let [p, q, r] = [0, 1, 2].map(|k| edges[k][0] * a + at_row[k]);
-                    let inside = (least(p, least(q, r)) >= 0.0) & (at < limit[0] * a + limit_at);
+                    found[i] = (depth[0] * a + depth_at).to_bits() & DEPTH_BITS;
+                    let at = f64::from_bits(found[i]);
+                    let lowest = least(p1 * a + p0, least(q1 * a + q0, r1 * a + r0));
+                    let inside = (lowest >= 0.0) & (at < limit[0] * a + limit_at);
                     let nearer = (at > depths[i]) | ((at == depths[i]) & (id < items[i]));
-                    found[i] = at;
-                    wins[i] = u64::from(inside & nearer);
+                    // All bits, or none.
+                    wins[i] = u64::from(inside & nearer).wrapping_neg();
                 }
                 for i in 0..CHUNK {
-                    depths[i] = if wins[i] != 0 { found[i] } else { depths[i] };
-                    items[i] = if wins[i] != 0 { id } else { items[i] };
+                    depths[i] = f64::from_bits((found[i] & wins[i]) | (depths[i].to_bits() & !wins[i]));
+                    items[i] = (id & wins[i]) | (items[i] & !wins[i]);
                     changed |= wins[i];
                 }
             }
