@@ -31,7 +31,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
 /// Rays that a row begins with, without and with a tolerance, of which those that meet a portal are cast. Choices.
-const RAYS: [usize; 2] = [1 << 12, 1 << 13];
+const RAYS: [usize; 2] = [1 << 12, 1 << 12];
 /// Rays of a row with a tolerance at most.
 const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
@@ -202,6 +202,7 @@ impl<'a> Extender<'a> {
             tracer,
             ledger,
             portals,
+            row,
             ..
         } = self
         else {
@@ -211,9 +212,12 @@ impl<'a> Extender<'a> {
         passes.legs_max = LEGS[0] * hemicubes.len().max(1) as u64;
         ledger.clear();
         let mut taker = Taker { ledger, column };
+        let is_portal = |patch: u32| tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
+        let seen: Vec<u32> = row.iter().map(|&(patch, _)| patch).filter(|&patch| is_portal(patch)).collect();
         for hemicube in hemicubes {
             let items = session.items(hemicube)?;
-            passes.follow(hemicube, &items, (table, FINE, bound), &tracer.optics, &mut taker);
+            let weights = (&*table, FINE, bound);
+            passes.follow((hemicube, &items), weights, &seen, &tracer.optics, &mut taker);
         }
         tracer.legs = std::mem::take(&mut passes.legs);
         let ledger = taker.ledger;

@@ -12,7 +12,7 @@ use super::specular::Optics;
 use super::trace::{PASSES_MAX, divide};
 use super::window::{EDGE, FaceView, NOTHING, Window};
 use crate::accuracy::ray_shares::nearest;
-use crate::backend::Hemicube;
+use crate::backend::{Hemicube, RESOLUTIONS};
 use crate::bvh::{LANES, Tree};
 use crate::delta::DeltaTable;
 use crate::face::{Face, Items};
@@ -24,6 +24,8 @@ use std::sync::Arc;
 
 /// Pixels of a window up to which rays are cast instead. Measured: a window costs as much as some of them.
 const FEW: usize = 4;
+/// Windows along the edge of the largest hemicube's top.
+const MOST_WINDOWS: usize = *RESOLUTIONS.end() as usize / EDGE;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
 
@@ -135,6 +137,8 @@ pub(super) struct Passes {
     /// Of each patch, and of what is none.
     is_portal: Vec<bool>,
     window: Window,
+    /// Face, first row and column.
+    windows: Vec<(u8, u32, u32)>,
     rays: Vec<u32>,
     /// The passes to come.
     pending: Vec<Pass>,
@@ -161,6 +165,7 @@ impl Passes {
             tree: Arc::clone(tree),
             set: InstructionSet::widest(),
             window: Window::new(),
+            windows: Vec::new(),
             rays: Vec::new(),
             pending: Vec::new(),
             used: Vec::new(),
@@ -174,48 +179,49 @@ impl Passes {
     }
 
     /// Follows a hemicube's pixels, each with its weight times `fine`; a path is cut off at `bound` of its weight.
+    /// `portals` are those that the hemicube may see.
     pub(super) fn follow(
         &mut self,
-        hemicube: &Hemicube,
-        items: &Items,
-        weights: (&DeltaTable, u64, f64),
+        (hemicube, items): (&Hemicube, &Items),
+        (table, fine, bound): (&DeltaTable, u64, f64),
+        portals: &[u32],
         optics: &[Optics],
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
     ) {
-        let (table, fine, bound) = weights;
         let resolution = items.resolution;
         let edge = EDGE as u32;
-        for face in Face::ALL {
+        let mut windows = std::mem::take(&mut self.windows);
+        self.list_windows(hemicube, resolution, portals, &mut windows);
+        for &(face, y0, x0) in &windows {
+            let face = Face::ALL[usize::from(face)];
             let (rows, first) = (face.rows(resolution), face.first_row(resolution));
-            for (y0, x0) in tiles(rows, resolution) {
-                for y in y0..rows.min(y0 + edge) {
-                    let row = ((first + y) * resolution) as usize;
-                    let columns = x0..resolution.min(x0 + edge);
-                    let seen = &items.seen[row + x0 as usize..row + columns.end as usize];
-                    let is_portal = |&patch: &u32| self.is_portal[(patch as usize).min(optics.len())];
-                    // Without branches, as far as nothing is found.
-                    if !seen.iter().fold(false, |any, patch| any | is_portal(patch)) {
+            for y in y0..rows.min(y0 + edge) {
+                let row = ((first + y) * resolution) as usize;
+                let columns = x0..resolution.min(x0 + edge);
+                let seen = &items.seen[row + x0 as usize..row + columns.end as usize];
+                for (x, &patch) in columns.zip(seen) {
+                    if !self.is_portal[(patch as usize).min(optics.len())] {
                         continue;
                     }
-                    for (x, &patch) in columns.zip(seen) {
-                        if !self.is_portal[(patch as usize).min(optics.len())] {
-                            continue;
-                        }
-                        let weight = u64::from(table.weight(face, x, y)) * fine;
-                        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share; below 2¹⁶")]
-                        let pixel = Pixel {
-                            face: face as u8,
-                            x: x as u16,
-                            y: y as u16,
-                            weight,
-                            least: (weight as f64 * bound) as u64,
-                        };
-                        let passed = self.hand_on(&pixel, patch, 0, optics, taker.ledger);
-                        taker.ledger.sent += passed;
-                    }
+                    let weight = u64::from(table.weight(face, x, y)) * fine;
+                    #[allow(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        reason = "a share; below 2¹⁶"
+                    )]
+                    let pixel = Pixel {
+                        face: face as u8,
+                        x: x as u16,
+                        y: y as u16,
+                        weight,
+                        least: (weight as f64 * bound) as u64,
+                    };
+                    let passed = self.hand_on(&pixel, patch, 0, optics, taker.ledger);
+                    taker.ledger.sent += passed;
                 }
             }
         }
+        self.windows = windows;
         self.begin_children(hemicube.origin, hemicube.axes, 0);
         while let Some(pass) = self.pending.pop() {
             self.draw(&pass, resolution, optics, taker);
@@ -229,6 +235,51 @@ impl Passes {
             let found = taker.ledger.entries.entry((OTHER, patch)).or_default();
             found.weight += weight;
             found.passed += passed;
+        }
+    }
+
+    /// Lists the windows that portals may be in, in the order of faces, rows and columns.
+    fn list_windows(&self, hemicube: &Hemicube, resolution: u32, portals: &[u32], out: &mut Vec<(u8, u32, u32)>) {
+        out.clear();
+        let edge = EDGE as u32;
+        let step = 2.0 / f64::from(resolution);
+        for (number, face) in (0u8..).zip(Face::ALL) {
+            let (places, signs) = face.axes();
+            let axes: [DVec3; 3] = std::array::from_fn(|k| hemicube.axes[places[k]] * signs[k]);
+            let (rows, below) = (face.rows(resolution), if face.is_top() { 1.0 } else { 0.0 });
+            let last = [(resolution - 1) / edge, (rows - 1) / edge];
+            let mut marked = [[false; MOST_WINDOWS]; MOST_WINDOWS];
+            for corners in portals.iter().filter_map(|&patch| corners(&self.tree, patch)) {
+                let seen = corners.map(|corner| axes.map(|axis| axis.dot(corner - hemicube.origin)));
+                let ahead = seen.iter().filter(|p| p[2] > 1e-9).count();
+                // A window more on each side, for rounding.
+                let range = |axis: usize, below: f64| {
+                    let places = seen.iter().map(|p| (p[axis] / p[2] + below) / (step * f64::from(edge)));
+                    let low = places.clone().fold(f64::INFINITY, f64::min) - 0.1;
+                    let high = places.fold(f64::NEG_INFINITY, f64::max) + 0.1;
+                    let most = f64::from(last[axis]);
+                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+                    let range = (low.clamp(0.0, most + 1.0) as usize, high.clamp(-1.0, most) as usize);
+                    (high >= 0.0 && low <= most + 1.0).then_some(range.0..=range.1)
+                };
+                let all = |axis: usize| 0..=last[axis] as usize;
+                let (columns, rows) = match ahead {
+                    0 => continue,
+                    3 => (range(0, 1.0), range(1, below)),
+                    _ => (Some(all(0)), Some(all(1))),
+                };
+                let (Some(columns), Some(rows)) = (columns, rows) else { continue };
+                for row in rows {
+                    for column in columns.clone() {
+                        if let Some(mark) = marked[row].get_mut(column) {
+                            *mark = true;
+                        }
+                    }
+                }
+            }
+            let windows = (0..=last[1]).flat_map(|row| (0..=last[0]).map(move |column| (row, column)));
+            let marked = windows.filter(|&(row, column)| marked[row as usize][column as usize]);
+            out.extend(marked.map(|(row, column)| (number, row * edge, column * edge)));
         }
     }
 
@@ -356,12 +407,6 @@ impl Passes {
         let met = nearest(&self.tree, from, from + towards * FAR, &view.horizon, &mut self.rays);
         met.map_or(NOTHING, |met| met.id)
     }
-}
-
-/// First rows and columns of a face's windows.
-fn tiles(rows: u32, columns: u32) -> impl Iterator<Item = (u32, u32)> {
-    let row = move |y| (0..columns).step_by(EDGE).map(move |x| (y, x));
-    (0..rows).step_by(EDGE).flat_map(row)
 }
 
 /// Takes what arrives.

@@ -341,23 +341,23 @@ fn draw_lanes(
             for chunk in x0 / CHUNK..=x1 / CHUNK {
                 let place = y * CHUNKS + chunk;
                 let columns = &window.columns[chunk];
-                let (depths, items) = (&mut window.depth[place], &mut window.item[place]);
-                let (mut found, mut wins) = ([0u64; CHUNK], [0u64; CHUNK]);
+                // Copies, so that the compiler sees that they are apart.
+                let (mut depths, mut items) = (window.depth[place], window.item[place]);
+                let mut any = [0u64; CHUNK];
                 for i in 0..CHUNK {
                     let a = columns[i];
-                    found[i] = (depth[0] * a + depth_at).to_bits() & DEPTH_BITS;
-                    let at = f64::from_bits(found[i]);
+                    let at = f64::from_bits((depth[0] * a + depth_at).to_bits() & DEPTH_BITS);
                     let lowest = least(p1 * a + p0, least(q1 * a + q0, r1 * a + r0));
                     let inside = (lowest >= 0.0) & (at < limit[0] * a + limit_at);
                     let nearer = (at > depths[i]) | ((at == depths[i]) & (id < items[i]));
-                    // All bits, or none.
-                    wins[i] = u64::from(inside & nearer).wrapping_neg();
+                    let wins = inside & nearer;
+                    depths[i] = if wins { at } else { depths[i] };
+                    items[i] = if wins { id } else { items[i] };
+                    any[i] = u64::from(wins);
                 }
-                for i in 0..CHUNK {
-                    depths[i] = f64::from_bits((found[i] & wins[i]) | (depths[i].to_bits() & !wins[i]));
-                    items[i] = (id & wins[i]) | (items[i] & !wins[i]);
-                    changed |= wins[i];
-                }
+                window.depth[place] = depths;
+                window.item[place] = items;
+                changed |= any.iter().fold(0, |all, any| all | any);
             }
         }
     }
