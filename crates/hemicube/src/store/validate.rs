@@ -1,8 +1,8 @@
 //! Requirements on the arrays of a store, beyond fitting together. Writers refuse violations before a file is there,
 //! readers before anything is made of it: no row, patch or column is handed out unchecked.
 
-use super::{FactorSlice, Form, HEMICUBE_WEIGHT, Manifest, Part, PatchTable, RowSums, compact};
 use super::csr::EncodedValues;
+use super::{FactorSlice, Form, HEMICUBE_WEIGHT, Manifest, Part, PatchTable, RowSums, compact};
 use crate::grouping::PatchKind;
 use std::result::Result;
 
@@ -145,7 +145,10 @@ pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result
             ));
         }
         if form == Form::Compact
-            && let Some(bad) = factors.to_single().into_iter().find(|&factor| compact::code(factor).is_none())
+            && let Some(bad) = factors
+                .to_single()
+                .into_iter()
+                .find(|&factor| compact::code(factor).is_none())
         {
             return Err(format!(
                 "has the form factor {bad} in the row of patch {patch}, which the compact form cannot hold"
@@ -303,9 +306,16 @@ mod tests {
             assert_eq!(are_columns(&columns, 30), holds, "{columns:?}");
             let bytes: Vec<u8> = columns.iter().flat_map(|column| column.to_le_bytes()).collect();
             let values: Vec<u8> = columns.iter().flat_map(|_| 0.5_f32.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END), holds, "{columns:?}");
+            assert_eq!(
+                is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END),
+                holds,
+                "{columns:?}"
+            );
             let values: Vec<u8> = columns.iter().flat_map(|_| f32::NAN.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END), columns.is_empty());
+            assert_eq!(
+                is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END),
+                columns.is_empty()
+            );
         }
     }
 }
