@@ -25,7 +25,9 @@ mod winding;
 
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
-use crate::store::{Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store};
+use crate::store::{
+    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store,
+};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -772,11 +774,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         None
     };
     let factor = |i: u32, j: u32| -> Result<Option<f64>> {
-        let of = |row: &crate::store::Row| {
-            row.indices
-                .binary_search(&j)
-                .map_or(0.0, |place| row.data.at(place))
-        };
+        let of = |row: &crate::store::Row| row.indices.binary_search(&j).map_or(0.0, |place| row.data.at(place));
         match &held {
             Some(rows) => Ok(rows[i as usize].as_ref().map(of)),
             None => Ok(store.row(InputPatch(i))?.as_ref().map(of)),
