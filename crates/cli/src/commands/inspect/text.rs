@@ -221,7 +221,7 @@ fn add_cost(list: &mut Listing, report: &Report) {
         None,
     );
     let on_disk = match keep.form {
-        Form::Plain => format!("{} on disk ({} with `--store compact`)", size(bytes), size(compact)),
+        Form::Plain | Form::Double => format!("{} on disk ({} with `--store compact`)", size(bytes), size(compact)),
         Form::Compact => format!(
             "less than {} on disk without form factors below {:e} ({} with `--store plain --min-factor 0`)",
             size(compact),
