@@ -30,6 +30,11 @@ struct PluginsPage;
 #[doc = include_str!("../../docs/embedding.md")]
 struct EmbeddingPage;
 
+/// The walk's program compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/walks.md")]
+struct WalksPage;
+
 pub mod browser;
 pub mod cases;
 pub mod devices;
