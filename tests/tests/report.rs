@@ -128,9 +128,9 @@ fn sound(browser: &Browser) {
 }
 
 /// Of a row the largest `count` entries, largest first and of equal ones the first first.
-fn largest(store: &Store, patch: u32, count: usize) -> Vec<(u32, f32)> {
+fn largest(store: &Store, patch: u32, count: usize) -> Vec<(u32, f64)> {
     let row = store.row(InputPatch(patch)).expect("a sound store").expect("a row");
-    let mut entries: Vec<(u32, f32)> = row.indices.into_iter().zip(row.data).collect();
+    let mut entries: Vec<(u32, f64)> = row.indices.into_iter().zip(&row.data).collect();
     entries.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     entries.truncate(count);
     entries
@@ -263,8 +263,8 @@ fn a_click_shows_the_row_that_the_store_has() {
         let row = store.row(InputPatch(patch)).expect("sound").expect("a row");
         let table = store.patches().expect("a patch table");
         let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
-        for (&column, &factor) in row.indices.iter().zip(&row.data) {
-            *sums.entry(table.object[column as usize]).or_default() += f64::from(factor);
+        for (&column, factor) in row.indices.iter().zip(&row.data) {
+            *sums.entry(table.object[column as usize]).or_default() += factor;
         }
         let mut best: Vec<f64> = sums.values().copied().filter(|&sum| sum > 0.0).collect();
         best.sort_by(|a, b| b.total_cmp(a));

@@ -345,7 +345,7 @@ fn of_store(store: &Store, patch: InputPatch) -> Result<Option<EstimatedRow>> {
     Ok(stored.map(|stored| EstimatedRow {
         emitter: patch,
         columns: stored.indices,
-        values: stored.data.into_iter().map(f64::from).collect(),
+        values: stored.data.into_f64(),
     }))
 }
 
