@@ -868,7 +868,7 @@ impl Matrix {
     /// A `pandas.DataFrame` of all form factors, from rows to columns, by the names of the patches, or by their numbers where
     /// they are triangles; rows that were not computed are NaN. Up to 10,000 patches. Needs pandas.
     fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        pandas::require_few(self.patch_count())?;
+        crate::pandas::require_few(self.patch_count())?;
         let names = self.names()?;
         let dense = self.to_scipy(py)?.call_method0("toarray")?;
         let computed = self.computed()?;
@@ -878,7 +878,7 @@ impl Matrix {
         if !rows.is_empty() {
             dense.set_item(rows, f64::NAN)?;
         }
-        pandas::frame(py, &dense, names.as_deref(), names.as_deref())
+        crate::pandas::frame(py, &dense, names.as_deref(), names.as_deref())
     }
 
     /// Form factors between zones: rows and columns added up by 'object', 'material' or 'face'.

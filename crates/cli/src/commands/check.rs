@@ -359,6 +359,14 @@ pub(super) fn groups(found: &CheckReport) -> Vec<Group> {
     if has_failed(found, &[Check::Entries]) {
         groups.push(Group::by(found, &[Check::Entries], "entries", "no row has an entry"));
     }
+    if has_failed(found, &[Check::Winding]) {
+        groups.push(Group::by(
+            found,
+            &[Check::Winding],
+            "winding",
+            "the model is wound inwards",
+        ));
+    }
     groups.push(reciprocity(found));
     groups.extend(sky(found));
     groups
