@@ -454,7 +454,7 @@ impl Verify<'_> {
             receivers: plan.selection.receivers.clone(),
         };
         let rows = Plan::new(model, RowChoice::All, selection, plan.samples_per_edge, plan.rotate)
-            .with_correction(plan.correction.clone());
+            .with_correction(plan.correction);
         let resolution = store.manifest().settings["resolution"].as_u64();
         let render = RenderSettings {
             resolution: resolution

@@ -147,7 +147,7 @@ mod tests {
         let faces = Grouping::new(&scene, &patches, PatchKind::Face).unwrap();
         let draw = Draw::new(&faces, &patches, &emitters, 5, 1);
         assert_eq!(draw.rows.len(), 5);
-        assert!(draw.rows[4].0 > patches.len() as u32 / 2);
+        assert!(2 * draw.rows[4].0 as usize > patches.len());
     }
 
     #[test]
