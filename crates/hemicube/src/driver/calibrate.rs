@@ -12,7 +12,7 @@
 use crate::Model;
 use crate::accuracy::correct::fraction;
 use crate::accuracy::error_model::PriorSums;
-use crate::accuracy::refine::{Pair, Refinement, Refiner};
+use crate::accuracy::refine::{Pair, Refinement, Refiner, exact};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
@@ -112,7 +112,8 @@ pub fn calibrate(
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
-    if model.patches().len() <= SMALL && tolerance <= FINE {
+    let is_exact = model.patches().len() <= exact::MOST_PATCHES && tolerance <= exact::FINEST;
+    if is_exact || (model.patches().len() <= SMALL && tolerance <= FINE) {
         return Ok(each_pair(model, tolerance));
     }
     // A patch without area has no hemicube.
@@ -154,7 +155,11 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
     Calibration {
         refinement: Refinement {
             each: true,
-            rule: FactorRule::for_tolerance(tolerance * 0.1),
+            rule: if tolerance <= exact::FINEST {
+                FactorRule::exact()
+            } else {
+                FactorRule::for_tolerance(tolerance * 0.1)
+            },
             ..Refinement::for_tolerance(tolerance)
         },
         resolution: FINEST,
