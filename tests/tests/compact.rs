@@ -54,11 +54,11 @@ fn bytes(place: &TempDir, store: &str) -> Vec<Vec<u8>> {
 }
 
 /// (column, factor as bits) of every row that is there.
-fn rows(place: &TempDir, store: &str) -> BTreeMap<InputPatch, Vec<(u32, u32)>> {
+fn rows(place: &TempDir, store: &str) -> BTreeMap<InputPatch, Vec<(u32, u64)>> {
     let store = Store::open(&place.path().join(store)).expect("a store");
     let rows = store.rows().expect("rows").map(|row| {
         let (patch, row) = row.expect("a row");
-        let bits = row.data.iter().map(|factor| factor.to_bits());
+        let bits = row.data.iter().map(f64::to_bits);
         (patch, row.indices.iter().copied().zip(bits).collect())
     });
     rows.collect()
@@ -85,10 +85,10 @@ fn a_compact_matrix_is_the_plain_one_rounded_whatever_the_threads() {
     );
 
     let (plain, compact) = (rows(&place, "plain"), rows(&place, "one"));
-    let rounded: BTreeMap<_, Vec<(u32, u32)>> = plain
+    let rounded: BTreeMap<_, Vec<(u32, u64)>> = plain
         .iter()
         .map(|(&patch, row)| {
-            let round = |bits: u32| Form::Compact.round(f32::from_bits(bits)).to_bits();
+            let round = |bits: u64| Form::Compact.round(f64::from_bits(bits)).to_bits();
             (patch, row.iter().map(|&(column, bits)| (column, round(bits))).collect())
         })
         .collect();

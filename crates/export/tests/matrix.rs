@@ -42,7 +42,7 @@ fn npz_is_the_matrix() {
     for (patch, row) in sample.dense().into_iter().enumerate() {
         let mut found = vec![0.0; 83];
         for place in indptr[patch] as usize..indptr[patch + 1] as usize {
-            found[indices[place] as usize] = data[place];
+            found[indices[place] as usize] = f64::from(data[place]);
         }
         assert_eq!(found, row.unwrap_or(vec![0.0; 83]), "row {patch}");
     }
@@ -59,23 +59,24 @@ fn npy_is_the_matrix() {
         .dense()
         .into_iter()
         .flat_map(|row| row.unwrap_or(vec![0.0; 83]))
+        .map(|factor| factor as f32)
         .collect();
     assert_eq!(found, wanted);
 }
 
 /// The matrix that `row column value` lines say, and how many there are.
-fn from_lines<'a>(lines: impl Iterator<Item = &'a str>) -> (Vec<Vec<f32>>, usize) {
+fn from_lines<'a>(lines: impl Iterator<Item = &'a str>) -> (Vec<Vec<f64>>, usize) {
     let (mut matrix, mut count) = (vec![vec![0.0; 83]; 83], 0);
     for line in lines {
         let words: Vec<&str> = line.split(' ').collect();
         let place = |word: &str| word.parse::<usize>().unwrap() - 1;
-        matrix[place(words[0])][place(words[1])] = words[2].parse::<f32>().unwrap();
+        matrix[place(words[0])][place(words[1])] = words[2].parse::<f32>().unwrap().into();
         count += 1;
     }
     (matrix, count)
 }
 
-fn wanted(sample: &Sample) -> Vec<Vec<f32>> {
+fn wanted(sample: &Sample) -> Vec<Vec<f64>> {
     sample
         .dense()
         .into_iter()
@@ -130,9 +131,9 @@ fn a_store_and_its_exports_compare_as_equal_and_a_changed_one_does_not() {
     let mut changed = self::sample(60, 45, 16, 5);
     let part = &mut changed.parts[1];
     let largest = (0..part.data.len())
-        .max_by(|&a, &b| part.data[a].total_cmp(&part.data[b]))
+        .max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b)))
         .unwrap();
-    part.data[largest] *= 0.5;
+    part.data.set(largest, part.data.at(largest) * 0.5);
     let other = directory.path().join("other");
     changed.write(&other);
     let found = compare(&Matrix::open(&other).unwrap(), &reference, &CompareOptions::default()).unwrap();

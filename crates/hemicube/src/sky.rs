@@ -16,11 +16,13 @@
 
 mod bins;
 mod files;
+mod grouped;
 
 pub use files::{
     SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_product, sky_view_factors_beside,
     write_points, write_sky,
 };
+pub use grouped::{hemicubes_along, sky_of_groups};
 
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};

@@ -32,6 +32,7 @@ use anyhow::{Context, Result, bail};
 use blocks::Blocks;
 use clap::Args;
 use columns::{Columns, columns};
+use hemicube::Grouping;
 use hemicube::analysis::check::verdict::Verdicts;
 use hemicube::analysis::check::{CheckOptions, CheckReport, check};
 use hemicube::store::{PatchTable, Store};
@@ -54,7 +55,7 @@ const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 const CELLS: u32 = 400;
 
 const EXAMPLES: &str = "  \
-  hemicube report room.hemicube room.obj -o room.html
+  hemicube report room.hemicube room.obj
   hemicube report city.hemicube city.obj -o city.html --entries 64";
 
 /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
@@ -67,9 +68,9 @@ pub(crate) struct Arguments {
     /// The scene that it is of
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
-    /// The page: .html
+    /// The page: .html [default: DIR's name with .html]
     #[arg(short, long, value_name = "FILE")]
-    pub(crate) output: PathBuf,
+    pub(crate) output: Option<PathBuf>,
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
@@ -98,8 +99,14 @@ impl Arguments {
         Paths::default()
             .store([&self.store])
             .reads([&self.scene])
-            .writes("-o", [&self.output], self.overwrite)
+            .writes("-o", [&self.page()], self.overwrite)
             .reports(&self.report)
+    }
+
+    /// The page's file: beside the matrix, unless it is named.
+    fn page(&self) -> PathBuf {
+        let beside = || self.store.with_extension("html");
+        self.output.clone().unwrap_or_else(beside)
     }
 }
 
@@ -126,14 +133,13 @@ fn narrow(numbers: &[f64]) -> Vec<f32> {
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let is_html = |extension: &std::ffi::OsStr| extension.eq_ignore_ascii_case("html");
-    if !arguments.output.extension().is_some_and(is_html) {
-        bail!("`{}`: the name of a page ends in .html", arguments.output.display());
+    let output = arguments.page();
+    if !output.extension().is_some_and(is_html) {
+        bail!("`{}`: the name of a page ends in .html", output.display());
     }
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
-    let instead = "`hemicube export` with `--scene` writes it as .vtp or .glb, and `hemicube view model` draws it";
-    stored::require_triangles(&store, "the page shows triangles and their rows", instead)?;
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
     let up = prepared.up(arguments.up)?;
     prepared.tell_up(arguments.up, talk);
@@ -150,6 +156,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let mut blocks = Blocks::default();
     let bounds = geometry::write(&prepared, &mut blocks);
     add_blocks(&mut blocks, &table, &columns);
+    if let Some(grouping) = &prepared.grouping {
+        blocks.array("patch-of", grouping.patches());
+    }
     let packed = rows.packer.finish(&mut blocks);
     let page = page::Page {
         store: &store,
@@ -160,13 +169,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         bounds,
         up,
         packed,
+        elements: prepared.grouping.as_ref().map(Grouping::elements),
     };
     let text = page.html(&blocks)?;
-    write(&arguments.output, &text)?;
+    write(&output, &text)?;
     drop(bar);
     talk.say(&format!(
         "`{}`: {}, {}, {}",
-        arguments.output.display(),
+        output.display(),
         size(text.len() as u64),
         counted(store.patch_count().into(), "patch"),
         if entries == 0 {
@@ -182,7 +192,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             schema: SCHEMA,
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
-            path: &arguments.output,
+            path: &output,
             bytes: text.len() as u64,
             patches: store.patch_count(),
             entries_per_row: entries,

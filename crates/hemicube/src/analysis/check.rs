@@ -10,6 +10,7 @@
 //!              one plane, any where they lie in none
 //! shares       escaped, blocked, unselected from 0 to 1; of triangles in pixel mode, weight / (hemicubes · 2³¹)
 //! entries      some row has one
+//! winding      no closed surface sees nothing around all that sees something (`winding.rs`; triangles, all rows)
 //! escaped      of a row at most what the bound allows, if there is one
 //! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares; less what mirrors and panes hand on
 //! passed       Σⱼ (ρsⱼ + τⱼ) Fᵢⱼ, of the manifest's mirrors and panes, is what the row says that they handed on
@@ -20,14 +21,18 @@
 //! mode: the two sides are two hemicubes at two points.
 
 pub mod verdict;
+mod winding;
 
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
-use crate::store::{Error, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store};
+use crate::store::{
+    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store,
+};
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
 use verdict::{CLOSURE, Quality, Verdicts, WARNED};
+use winding::{Outwards, Sides};
 
 /// By how much what is handed on may be off what arrives: rounding of both.
 const PASSED: f64 = 1e-6;
@@ -97,6 +102,8 @@ pub enum Check {
     Escaped,
     /// Some row has an entry: a matrix without entries is of no scene.
     Entries,
+    /// The model is not wound outwards: no closed surface that sees nothing is around all that sees something.
+    Winding,
     /// A_i F_ij = A_j F_ji.
     Reciprocity,
     /// The sky rows beside the matrix are unchanged, and sum to its escaped shares.
@@ -191,6 +198,13 @@ pub struct CheckReport {
     pub form: Form,
     /// Relative rounding error of a form factor, by the form.
     pub value_error: f64,
+    /// The tolerance asked for, where one was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
+    /// Relative Frobenius error expected of the matrix, √(Σ e² / Σ F²) over the rows that estimate theirs, e; absent
+    /// without a tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_error: Option<f64>,
     /// Entries of a row, over the rows.
     pub entries_per_row: EntriesPerRow,
     /// Weights over all rows.
@@ -342,6 +356,9 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         .failures
         .iter()
         .any(|failure| matches!(failure.check, Check::Files | Check::Columns | Check::Range));
+    if let Some(table) = &table {
+        tally.winding(table);
+    }
     if let Some(table) = table.filter(|_| readable)
         && let Some(found) = tally.files(reciprocal(store, &table.area, options))?
     {
@@ -380,7 +397,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
 
 /// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
 fn of_row(part: &Part, row: usize) -> [f64; 9] {
-    let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+    let sum = part.row(row).1.iter().sum();
     let [a, b, c] = part.shares[row].to_array();
     let [d, e, f] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]).to_array();
     let passage = part.passages.get(row);
@@ -389,7 +406,7 @@ fn of_row(part: &Part, row: usize) -> [f64; 9] {
 }
 
 /// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
-const FLAT: f32 = 1e-3;
+const FLAT: f64 = 1e-3;
 
 #[derive(Debug)]
 struct Tally {
@@ -418,8 +435,12 @@ struct Tally {
     escaped_bound: Option<f64>,
     closure: Closure,
     closure_sum: f64,
+    /// Σ e² of the rows' expected errors, and Σ F².
+    squares: [f64; 2],
     quality: Quality,
     worst: Vec<WorstRow>,
+    /// Where rows look, of triangles without portals.
+    sides: Option<Sides>,
 }
 
 impl Tally {
@@ -433,7 +454,7 @@ impl Tally {
             handed_on: None,
             cut_off: [0.0; 2],
             rounding: {
-                let once = f64::powi(2.0, -24);
+                let once = store.manifest().form.precision().rounding();
                 let shared = if store.manifest().min_factor > 0.0 { once } else { 0.0 };
                 (1.0 + once) * (1.0 + shared) * (1.0 + store.manifest().value_error) - 1.0
             },
@@ -457,8 +478,11 @@ impl Tally {
                 ..Closure::default()
             },
             closure_sum: 0.0,
+            squares: [0.0; 2],
             quality: Quality::default(),
             worst: Vec::new(),
+            sides: (store.manifest().patch_kind().is_triangle() && !store.manifest().has_portals())
+                .then(|| Sides::new(store.patch_count() as usize)),
         }
     }
 
@@ -485,6 +509,9 @@ impl Tally {
 
     fn part(&mut self, place: usize, part: &Part) {
         let mut of_part = Some(RowSums::default());
+        let known = part.errors.iter().filter(|error| !error.is_nan());
+        self.squares[0] += known.map(|&error| f64::from(error).powi(2)).sum::<f64>();
+        self.squares[1] += part.data.iter().map(|factor| factor * factor).sum::<f64>();
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(row);
             self.entries += columns.len() as u64;
@@ -507,9 +534,9 @@ impl Tally {
         self.sums = of_part.and_then(|sums| sums.plus(&self.sums)).unwrap_or(self.sums);
     }
 
-    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32]) {
+    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>) {
         let mut before = -1;
-        for (&column, &factor) in columns.iter().zip(factors) {
+        for (&column, factor) in columns.iter().zip(factors) {
             let exists = u32::try_from(column).is_ok_and(|column| column < self.patch_count);
             if !exists || column <= before {
                 self.fail(
@@ -531,9 +558,9 @@ impl Tally {
     }
 
     /// Most of itself that a patch may see.
-    fn most_of_itself(&self, patch: u32) -> f32 {
+    fn most_of_itself(&self, patch: u32) -> f64 {
         if self.has_portals {
-            return f32::INFINITY;
+            return f64::INFINITY;
         }
         match self.flat.as_ref().map(|flat| flat.get(patch as usize)) {
             None => 0.0,
@@ -543,7 +570,7 @@ impl Tally {
     }
 
     /// Holds what a row's mirrors and panes handed on against what arrives there.
-    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32], passage: Passage) {
+    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>, passage: Passage) {
         if !self.has_portals {
             return;
         }
@@ -558,7 +585,7 @@ impl Tally {
                 .unwrap_or(&0.0)
         };
         let arrived = columns.iter().zip(factors);
-        let expected: f64 = arrived.map(|(&column, &factor)| of(column) * f64::from(factor)).sum();
+        let expected: f64 = arrived.map(|(&column, factor)| of(column) * factor).sum();
         if (expected - passage.passed).abs() > PASSED * (1.0 + expected) {
             let passed = passage.passed;
             self.fail(
@@ -582,7 +609,7 @@ impl Tally {
         if hemicubes == 0 {
             return;
         }
-        let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
+        let row_sum: f64 = factors.iter().sum();
         let whole = whole as f64;
         // Form factors are of what arrives, weights of what stays.
         let visible = sums.visible as f64 / whole + passage.passed;
@@ -604,6 +631,9 @@ impl Tally {
                 Check::Weights,
                 format!("the shares of patch {patch} are {shares:?}, those of its weights {seen:?}"),
             );
+        }
+        if let Some(sides) = &mut self.sides {
+            sides.add(patch, shares);
         }
         let lost = shares.to_array();
         for (total, lost) in self.lost.iter_mut().zip(lost) {
@@ -651,6 +681,23 @@ impl Tally {
         }
     }
 
+    /// Looks for a model that is wound outwards, and whose things within see each other.
+    fn winding(&mut self, table: &PatchTable) {
+        let found = self.sides.as_ref().filter(|_| self.entries > 0);
+        let first = match found.and_then(|sides| sides.outwards(table)) {
+            None => return,
+            Some(Outwards::All) => {
+                "the model is wound outwards throughout: a closed surface around it sees nothing, and what it encloses \
+                 sees its own inside only; `hemicube inspect SCENE` says more, and `--flip all` turns the model round"
+            }
+            Some(Outwards::Shell) => {
+                "the closed surface around the model is wound outwards: it sees nothing, and what it encloses does not \
+                 see it; `hemicube inspect SCENE` names its objects, and `--flip NAME` turns them round"
+            }
+        };
+        self.fail(Check::Winding, first.to_owned());
+    }
+
     fn finish(mut self, store: &Store, reciprocity: Reciprocity) -> CheckReport {
         if self.entries == 0 && self.closure.rows > 0 && store.manifest().complete {
             let share = |lost: f64| 100.0 * lost / self.closure.rows as f64;
@@ -666,6 +713,7 @@ impl Tally {
         self.entries_of_rows.sort_unstable();
         let of_rows = &self.entries_of_rows;
         let rendered = self.closure.rows.max(1) as f64;
+        let tolerance = store.manifest().settings["tolerance"].as_f64();
         CheckReport {
             store: store.directory().to_owned(),
             ok: self.failures.is_empty(),
@@ -677,6 +725,8 @@ impl Tally {
             entries: self.entries,
             form: store.manifest().form,
             value_error: store.manifest().value_error,
+            tolerance,
+            expected_error: tolerance.and(Some((self.squares[0] / self.squares[1]).sqrt()).filter(|e| e.is_finite())),
             entries_per_row: EntriesPerRow {
                 min: of_rows.first().copied().unwrap_or(0),
                 median: of_rows.get(of_rows.len().saturating_sub(1) / 2).copied().unwrap_or(0),
@@ -724,11 +774,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         None
     };
     let factor = |i: u32, j: u32| -> Result<Option<f64>> {
-        let of = |row: &crate::store::Row| {
-            row.indices
-                .binary_search(&j)
-                .map_or(0.0, |place| f64::from(row.data[place]))
-        };
+        let of = |row: &crate::store::Row| row.indices.binary_search(&j).map_or(0.0, |place| row.data.at(place));
         match &held {
             Some(rows) => Ok(rows[i as usize].as_ref().map(of)),
             None => Ok(store.row(InputPatch(i))?.as_ref().map(of)),
@@ -760,9 +806,9 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         };
         let Some(row) = row else { continue };
         rows += 1;
-        for (&j, &forward) in row.indices.iter().zip(&row.data) {
+        for (&j, forward) in row.indices.iter().zip(&row.data) {
             let Some(backward) = factor(j, i)? else { continue };
-            let (forward, backward) = (areas[i as usize] * f64::from(forward), areas[j as usize] * backward);
+            let (forward, backward) = (areas[i as usize] * forward, areas[j as usize] * backward);
             difference += (forward - backward).powi(2);
             total += forward.powi(2);
             pairs += 1;

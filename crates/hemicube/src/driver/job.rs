@@ -16,7 +16,7 @@ use crate::driver::compute::{
     self, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute as compute_rows,
 };
 use crate::driver::input::SceneInput;
-use crate::driver::level::{Asked, Level, LevelError};
+use crate::driver::level::{Asked, Level, LevelError, Rows};
 use crate::driver::probe::Probe;
 use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::RowSettings;
@@ -337,7 +337,8 @@ impl Job {
         let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
         let policy = if self.portals.specular.is_some() {
-            StoragePolicy::choose(Some(Form::Plain), Some(0.0), patch_count, tolerance)
+            let form = self.form.unwrap_or(Form::Plain);
+            StoragePolicy::choose(Some(form), Some(0.0), patch_count, tolerance)
         } else {
             StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance)
         };
@@ -358,7 +359,10 @@ impl Job {
         let level = Level::resolve(
             self.accuracy,
             model,
-            &selection,
+            Rows {
+                selection: &selection,
+                grouping: grouping.as_deref(),
+            },
             self.rotate,
             policy.form,
             calibration.as_mut(),

@@ -73,7 +73,8 @@ impl Bodies {
             let mut corners = body.iter().flat_map(|&region| regions.corners(region));
             if corners.all(|&p| planes.iter().all(|plane| plane.height(p) <= tolerance)) {
                 let number = u32::try_from(found.faces.len()).unwrap_or(NONE);
-                body.iter().for_each(|&region| found.of_region[region as usize] = number);
+                body.iter()
+                    .for_each(|&region| found.of_region[region as usize] = number);
                 found.faces.push(planes);
             }
         }

