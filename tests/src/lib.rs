@@ -35,6 +35,7 @@ pub mod cases;
 pub mod devices;
 pub mod extremes;
 pub mod geometry;
+pub mod matrices;
 pub mod plugins;
 pub mod promise;
 pub mod quadrature;
