@@ -10,7 +10,9 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate};
+use super::{
+    Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate,
+};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -400,13 +402,14 @@ impl Store {
         Ok(Some((path, part)))
     }
 
-    /// Checks a part against everything that readers rely on.
+    /// Checks a part of [`Self::part_as_it_is`] against everything that readers rely on.
     ///
     /// # Errors
     /// [`Error::Malformed`] with the first violation.
     pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
         let rows = self.manifest.rows_of_part(part.index) as usize;
-        validate::part(part, rows, &self.manifest).map_err(|reason| Error::malformed(path, reason))?;
+        validate::part(part, rows, &self.manifest, validate::Entries::Stored)
+            .map_err(|reason| Error::malformed(path, reason))?;
         self.claim(place, path, &part.rows)?;
         self.note(place, found::ENTRIES);
         Ok(())

@@ -8,8 +8,8 @@ use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::read::{CUT_OFF, PASSED, RUN, SHARES, THINNING};
 use super::{
-    Error, FactorSlice, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums, RowTable,
-    Shard, compact, validate,
+    Error, FactorSlice, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums,
+    RowTable, Shard, compact, validate,
 };
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
@@ -270,7 +270,8 @@ impl StoreWriter {
             return Err("it was written before".into());
         }
         let count = self.manifest.rows_of_part(part.index) as usize;
-        let total = validate::part(part, count, &self.manifest).map_err(|reason| format!("it {reason}"))?;
+        let total = validate::part(part, count, &self.manifest, validate::Entries::Given)
+            .map_err(|reason| format!("it {reason}"))?;
         match part
             .rows
             .iter()
