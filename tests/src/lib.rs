@@ -40,6 +40,7 @@ pub mod cases;
 pub mod devices;
 pub mod extremes;
 pub mod geometry;
+pub mod matrices;
 pub mod plugins;
 pub mod promise;
 pub mod quadrature;
