@@ -6,6 +6,7 @@ use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Grouping;
 use hemicube::driver::room::Work;
+use hemicube::portal::Specular;
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
 use serde_json::Value;
@@ -110,6 +111,20 @@ pub(crate) fn scene(
     };
     prepared.grouping = Grouping::of_store(store, &prepared.scene, &prepared.patches)?;
     Ok(prepared)
+}
+
+/// The mirrors and panes of a matrix; `None` without any.
+///
+/// # Errors
+/// When its settings do not fit the scene.
+pub(crate) fn specular(store: &Store, prepared: &Prepared) -> Result<Option<Specular>> {
+    let found = Specular::of_settings(&prepared.scene, &prepared.patches, &store.manifest().settings);
+    found.with_context(|| {
+        format!(
+            "`{}` says other mirrors and panes than its scene has",
+            store.directory().display()
+        )
+    })
 }
 
 /// Refuses a matrix of patches that are several triangles, for what needs triangles.

@@ -35,12 +35,15 @@
 pub mod extend;
 mod gather;
 pub mod images;
+pub mod law;
 mod motion;
 mod pairs;
+pub mod sight;
 pub mod specular;
 mod trace;
 
 pub use images::{ImageError, ImageSettings, Images, Period, Sector, Symmetry};
+pub use law::Law;
 pub use specular::{Optics, Specular};
 
 use serde::Serialize;

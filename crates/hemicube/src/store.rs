@@ -63,8 +63,8 @@ pub use durable::{DurableFile, TemporaryFile};
 pub use error::{Error, Result};
 pub use lock::FolderLock;
 pub use manifest::{
-    BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
-    VERSION_EXTENDED, VERSION_MIN, scene_hash,
+    BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchOptics, PatchTable, SceneEntry,
+    VERSION, VERSION_EXTENDED, VERSION_MIN, optics_of, scene_hash,
 };
 pub use matrix::{F32_COMMENT, Matrix, MatrixRow};
 pub use npy::{Element, ElementType};

@@ -20,6 +20,7 @@ mod matrix;
 mod numbers;
 mod pickle;
 mod points;
+mod portals;
 mod scene;
 mod session;
 mod sky;

@@ -12,6 +12,7 @@
 use super::gather::{Column, Found, Gather, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::Through;
+use super::specular::Laws;
 use super::trace::{Ends, MetAt, Ray, Tracer};
 use super::{Images, Optics, Portals};
 use crate::Model;
@@ -106,14 +107,14 @@ impl<'a> Extender<'a> {
     ) -> Self {
         let count = model.geometry().patch_count;
         let specular = portals.specular.as_ref();
-        let optics = specular.map_or_else(Vec::new, |specular| specular.by_patch(portals.images.as_ref(), count));
+        let laws = specular.map_or_else(Laws::default, |specular| specular.laws(portals.images.as_ref(), count));
         Self {
             portals,
             model,
             correction,
             cancel,
             table: (specular.is_some() && correction == Correction::Pixel).then(|| DeltaTable::new(resolution)),
-            tracer: Tracer::new(Tree::of(model.geometry()), optics),
+            tracer: Tracer::new(Tree::of(model.geometry()), laws),
             motions: Motions::default(),
             ledger: Ledger::default(),
             row: Vec::new(),
@@ -141,6 +142,7 @@ impl<'a> Extender<'a> {
         if images.is_some_and(Images::has_curtains) {
             passage.cut_off = self.cut_off(&mut draft);
         }
+        self.ledger.clear();
         let sent = self.sent();
         if sent > 0.0 {
             let column = |patch: u32| match images {
@@ -151,7 +153,7 @@ impl<'a> Extender<'a> {
             let brought = if self.correction == Correction::Pixel {
                 self.by_pixels(draft.hemicubes, column, session)?
             } else {
-                self.by_rays(draft.emitter, sent, column)
+                self.by_rays(draft.emitter, column)
             };
             *draft.rays += std::mem::take(&mut self.tracer.legs);
             self.enter(&mut draft, &brought, &mut passage);
@@ -188,9 +190,13 @@ impl<'a> Extender<'a> {
         sum
     }
 
-    /// Σ (ρs + τ) F of direct arrivals.
+    /// Σ (ρs + τ) F of direct arrivals; of patches whose ρs + τ depend on the angle by the mean of the row's rays, and
+    /// before these are cast by the hemisphere's.
     fn sent(&self) -> f64 {
-        let passed = |patch: u32| self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed);
+        let passed = |patch: u32| match self.ledger.first.get(&patch) {
+            Some(&[met, passed]) => passed as f64 / met.max(1) as f64,
+            None => self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed),
+        };
         self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
     }
 
@@ -280,7 +286,7 @@ impl<'a> Extender<'a> {
     }
 
     /// Casts rays from all over the patch, and measures what they find most of.
-    fn by_rays(&mut self, emitter: InputPatch, sent: f64, column: impl Fn(u32) -> Column) -> Brought {
+    fn by_rays(&mut self, emitter: InputPatch, column: impl Fn(u32) -> Column) -> Brought {
         let emitter = &Emitter::new(self.model, emitter);
         let (tolerance, rule) = match self.correction {
             Correction::Tolerance(refinement) => (Some(refinement.tolerance), refinement.rule),
@@ -312,6 +318,7 @@ impl<'a> Extender<'a> {
             }
         };
         // What is handed on first is known from closed forms: rays only divide it.
+        let sent = self.sent();
         let scale = if self.ledger.sent > 0 {
             sent / casts.share(self.ledger.sent)
         } else {

@@ -1,7 +1,7 @@
 //! Rays through portals.
 
 use super::motion::{MotionId, Motions, OTHER};
-use super::specular::Optics;
+use super::specular::{Laws, Optics};
 use crate::accuracy::ray_shares::nearest;
 use crate::bvh::Tree;
 use crate::geometry::Plane;
@@ -41,6 +41,8 @@ pub(super) struct Arrival {
     pub(super) length: f64,
     /// The weight handed on.
     pub(super) passed: u64,
+    /// Returns whether that depends on the angle.
+    pub(super) varies: bool,
 }
 
 /// A surface that a ray meets.
@@ -78,8 +80,10 @@ pub(super) trait Tally {
 #[derive(Debug)]
 pub(super) struct Tracer {
     pub(super) tree: Arc<Tree>,
-    /// By patch of the model.
+    /// By patch of the model; means where they depend on the angle.
     pub(super) optics: Vec<Optics>,
+    /// Those that depend on the angle.
+    laws: Laws,
     /// Legs traced, and their bound: beyond it every path is cut off at its next portal.
     pub(super) legs: u64,
     pub(super) legs_max: u64,
@@ -88,10 +92,11 @@ pub(super) struct Tracer {
 }
 
 impl Tracer {
-    pub(super) fn new(tree: Arc<Tree>, optics: Vec<Optics>) -> Self {
+    pub(super) fn new(tree: Arc<Tree>, mut laws: Laws) -> Self {
         Self {
             tree,
-            optics,
+            optics: std::mem::take(&mut laws.means),
+            laws,
             legs: 0,
             legs_max: u64::MAX,
             pending: Vec::new(),
@@ -135,7 +140,13 @@ impl Tracer {
     pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, least: u64, motions: &mut Motions, tally: &mut impl Tally) {
         let at = ray.from + ray.towards * met.distance;
         // The back of a one-sided patch hands on nothing.
-        let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
+        let varies = self.laws.varies(met.id);
+        let optics = if varies {
+            let normal = crate::geometry::cross(&met.corners).normalize_or_zero();
+            self.laws.at(met.id, normal.dot(ray.towards))
+        } else {
+            self.optics.get(met.id as usize).copied().unwrap_or_default()
+        };
         let reflected = share(ray.weight, optics.specular);
         let through = share(ray.weight, optics.transmittance).min(ray.weight - reflected);
         let arrival = Arrival {
@@ -143,6 +154,7 @@ impl Tracer {
             at,
             length: ray.length + met.distance,
             passed: reflected + through,
+            varies,
         };
         tally.arrive(ray, &arrival);
         if arrival.passed == 0 {

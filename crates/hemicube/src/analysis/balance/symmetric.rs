@@ -35,6 +35,8 @@ pub(crate) struct Symmetric<'a> {
     of_row: u32,
     buffer: Vec<u8>,
     written: u64,
+    /// 1 − ρs − τ of each patch; empty without mirrors and panes.
+    kept: Vec<f64>,
 }
 
 /// The rows of one part.
@@ -111,11 +113,12 @@ fn at(values: &[f64], patch: u32) -> f64 {
     values.get(patch as usize).copied().unwrap_or(1.0)
 }
 
-/// Σ qᵢⱼ gⱼ over a row: four sums side by side, for the additions not to wait for each other.
-fn product(row: impl Iterator<Item = (u32, f32)>, weights: &[f64]) -> f64 {
+/// Σ qᵢⱼ gⱼ over a row, times what j keeps: four sums side by side, for the additions not to wait for each other.
+fn product(row: impl Iterator<Item = (u32, f32)>, weights: &[f64], kept: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     for (place, (column, value)) in row.enumerate() {
-        sums[place % 4] += f64::from(value) * at(weights, column);
+        let weight = at(weights, column) * if kept.is_empty() { 1.0 } else { at(kept, column) };
+        sums[place % 4] += f64::from(value) * weight;
     }
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
@@ -131,7 +134,13 @@ impl<'a> Symmetric<'a> {
             of_row: 0,
             buffer: Vec::with_capacity(BUFFER + RECORD),
             written: 0,
+            kept: Vec::new(),
         })
+    }
+
+    /// The matrix whose columns count by what their patches keep; all by 1 where `kept` is empty.
+    pub(crate) fn keeping(self, kept: Vec<f64>) -> Self {
+        Self { kept, ..self }
     }
 
     /// Adds an entry to the row under way.
@@ -288,11 +297,12 @@ impl<'a> Symmetric<'a> {
             let mut change = 0.0f64;
             let (mut empty, mut without, mut bound) = (0, 0, 0);
             let (weights, unmatched) = (&mut scaling.weights, &mut scaling.unmatched);
+            let kept = std::mem::take(&mut self.kept);
             self.each_row(|patch, row| {
                 let Some(&Some(target)) = targets.get(patch as usize) else {
                     return;
                 };
-                let sum = product(row, weights);
+                let sum = product(row, weights, &kept);
                 let mut note = |is_unmatched| {
                     if let Some(slot) = unmatched.get_mut(patch as usize) {
                         *slot = is_unmatched;
@@ -316,6 +326,7 @@ impl<'a> Symmetric<'a> {
                     *weight = (*weight * ratio.powf(RELAXATION)).clamp(least, most);
                 }
             })?;
+            self.kept = kept;
             scaling.sweeps += 1;
             scaling.converged = change <= options.tolerance;
             (scaling.rows_empty, scaling.rows_without_target, scaling.rows_at_bound) = (empty, without, bound);
