@@ -225,7 +225,7 @@ pub fn factors_with(model: &Model, rung: Rung, backend: Box<dyn HemicubeBackend>
             let (columns, values) = part.row(place);
             let entries = columns.iter().zip(values);
             let row = row as usize;
-            factors.rows[row] = entries.map(|(&c, &v)| (c.cast_unsigned(), f64::from(v))).collect();
+            factors.rows[row] = entries.map(|(&c, v)| (c.cast_unsigned(), v)).collect();
             let share = |weight: u64| weight as f64 / HEMICUBE_WEIGHT as f64;
             (factors.escaped[row], factors.blocked[row]) = (share(sums.escaped), share(sums.blocked));
         }

@@ -126,7 +126,7 @@ fn error_of(store: &Store, exact: &[ReferenceRow]) -> Measured {
             EstimatedRow {
                 emitter: InputPatch(row.emitter),
                 columns: found.indices,
-                values: found.data.into_iter().map(f64::from).collect(),
+                values: found.data.into_f64(),
             }
         })
         .collect();

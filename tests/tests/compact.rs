@@ -54,11 +54,11 @@ fn bytes(place: &TempDir, store: &str) -> Vec<Vec<u8>> {
 }
 
 /// (column, factor as bits) of every row that is there.
-fn rows(place: &TempDir, store: &str) -> BTreeMap<InputPatch, Vec<(u32, u32)>> {
+fn rows(place: &TempDir, store: &str) -> BTreeMap<InputPatch, Vec<(u32, u64)>> {
     let store = Store::open(&place.path().join(store)).expect("a store");
     let rows = store.rows().expect("rows").map(|row| {
         let (patch, row) = row.expect("a row");
-        let bits = row.data.iter().map(|factor| factor.to_bits());
+        let bits = row.data.iter().map(f64::to_bits);
         (patch, row.indices.iter().copied().zip(bits).collect())
     });
     rows.collect()

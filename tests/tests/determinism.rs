@@ -124,13 +124,14 @@ fn what_is_not_selected_is_accounted_for() {
                 .find_map(|p| p.rows.iter().position(|&q| q == patch).map(|place| (p, place)))
                 .expect("every patch has a row");
             let (columns, values) = full.row(place);
-            let expected: (Vec<i32>, Vec<f32>) = columns
+            let expected: (Vec<i32>, Vec<f64>) = columns
                 .iter()
                 .zip(values)
                 .filter(|&(&column, _)| receivers[usize::try_from(column).expect("a column")])
                 .unzip();
             let (columns, values) = part.row(k);
-            assert_eq!((columns, values), (&expected.0[..], &expected.1[..]), "patch {patch}");
+            let values: Vec<f64> = values.iter().collect();
+            assert_eq!((columns, values), (&expected.0[..], expected.1), "patch {patch}");
             let (sums, whole) = (part.sums[k], full.sums[place]);
             assert_eq!(sums.visible + sums.unselected, whole.visible, "patch {patch}");
             assert_eq!(

@@ -168,11 +168,11 @@ fn read(python: &std::ffi::OsStr, reader: &str, path: &Path) -> Value {
 }
 
 /// Entries of a matrix by row and column.
-fn entries(store: &Store) -> BTreeMap<(u64, u64), f32> {
+fn entries(store: &Store) -> BTreeMap<(u64, u64), f64> {
     let mut entries = BTreeMap::new();
     for row in store.rows().expect("rows") {
         let (patch, row) = row.expect("a row");
-        for (&column, &factor) in row.indices.iter().zip(&row.data) {
+        for (&column, factor) in row.indices.iter().zip(&row.data) {
             entries.insert((patch.0.into(), column.into()), factor);
         }
     }
@@ -180,11 +180,11 @@ fn entries(store: &Store) -> BTreeMap<(u64, u64), f32> {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "it was an f32")]
-fn read_entries(value: &Value) -> BTreeMap<(u64, u64), f32> {
+fn read_entries(value: &Value) -> BTreeMap<(u64, u64), f64> {
     let list = value["entries"].as_array().expect("entries");
     let entry = |entry: &Value| {
         let index = |place: usize| entry[place].as_u64().expect("an index");
-        ((index(0), index(1)), entry[2].as_f64().expect("a factor") as f32)
+        ((index(0), index(1)), f64::from(entry[2].as_f64().expect("a factor") as f32))
     };
     let found: BTreeMap<_, _> = list.iter().map(entry).collect();
     assert_eq!(found.len(), list.len(), "an entry twice");
@@ -557,7 +557,7 @@ fn octave_finds_every_factor() {
         let place = (next().parse().expect("a row"), next().parse().expect("a column"));
         (place, next().parse().expect("a factor"))
     };
-    let found: BTreeMap<(u64, u64), f32> = lines.map(entry).collect();
+    let found: BTreeMap<(u64, u64), f64> = lines.map(entry).collect();
     assert!(
         found == entries(&store),
         "Octave reads other factors than the store has"

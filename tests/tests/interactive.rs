@@ -685,6 +685,57 @@ fn a_result_is_looked_at() {
     assert!(place.path("a.png").exists() && place.path("a.html").exists());
 }
 
+/// As the command asks for it, which refuses the scene without `--up`.
+#[test]
+fn up_is_asked_for_where_nothing_tells() {
+    let place = Place::new();
+    place.write(
+        "cube.obj",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n\
+         f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 3 7 8 4\nf 2 6 7 3\nf 1 4 8 5\n",
+    );
+    place.line("compute cube.obj -o a.hemicube --resolution 64").is(0);
+    place.line("compute cube.obj -o told.hemicube --resolution 64 --up x").is(0);
+    place.line("report a.hemicube cube.obj -o a.html").is(2);
+    let terminal = Terminal::hemicube(&place);
+    let up = "Which axis points up:";
+    for store in ["a.hemicube", "told.hemicube"] {
+        let next = format!("What next with {store}:");
+        terminal.pick(MAIN, "Look at a result");
+        terminal.pick("Look at which result:", store);
+        terminal.pick(&next, "Write a page");
+        if store == "a.hemicube" {
+            terminal.asked(up);
+            let screen = terminal.screen();
+            assert!(screen.contains("does not say which axis points up"), "{screen}");
+            let (_, rows) = open_question(&screen).expect("a menu");
+            assert!(rows.contains(&"> 2 - y  guessed"), "{screen}");
+            terminal.answer(ESCAPE);
+            terminal.pick(&next, "Write a page");
+            terminal.asked(up);
+            terminal.answer(ENTER);
+            terminal.pick(&next, "Write a page");
+            terminal.pick(up, "z");
+            terminal.pick("a.html is there already:", "Replace it");
+        }
+        terminal.pick(&next, "Back");
+    }
+    terminal.pick(MAIN, "Exit");
+    let ran = terminal.ends().is(0);
+    let lines: Vec<&str> = lines_run(&ran.out)
+        .iter()
+        .map(|line| &line[program().as_os_str().len() + 1..])
+        .collect();
+    assert_eq!(
+        lines,
+        [
+            "report a.hemicube cube.obj -o a.html --up y",
+            "report a.hemicube cube.obj -o a.html --up z --overwrite",
+            "report told.hemicube cube.obj -o told.html",
+        ]
+    );
+}
+
 #[test]
 fn where_no_scene_is_one_is_named_or_generated() {
     let place = Place::new();

@@ -68,8 +68,8 @@ fn error(part: &Part, place: usize, reference: &ReferenceRow) -> f64 {
         .copied()
         .zip(reference.values.iter().copied())
         .collect();
-    for (&column, &value) in columns.iter().zip(values) {
-        squared += (f64::from(value) - known.remove(&column.cast_unsigned()).unwrap_or(0.0)).powi(2);
+    for (&column, value) in columns.iter().zip(values) {
+        squared += (value - known.remove(&column.cast_unsigned()).unwrap_or(0.0)).powi(2);
     }
     squared += known.values().map(|value| value * value).sum::<f64>();
     (squared / reference.squared_norm()).sqrt()
@@ -100,7 +100,7 @@ fn ground_rows_are_near_the_reference(name: &str, model: &Model, rows: &[u32], m
                     .find(|row| row.emitter == part.rows[k])
                     .expect("one a row");
                 let off = error(part, k, row);
-                let missing = row.values.iter().sum::<f64>() - part.row(k).1.iter().map(|&f| f64::from(f)).sum::<f64>();
+                let missing = row.values.iter().sum::<f64>() - part.row(k).1.iter().sum::<f64>();
                 say(&format!(
                     "{name}, {}, patch {}: {:.2} % off, its sum {missing:.4}, the reference's noise is {:.2} %; {} of {} rows cut \
                      short",

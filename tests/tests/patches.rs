@@ -175,6 +175,10 @@ fn a_cylinder_sees_itself() {
 
 /// A closed room of n × n quads a side with a box of quads on its floor.
 fn quads(n: u32) -> String {
+    obj(&surfaces(n))
+}
+
+fn surfaces(n: u32) -> Vec<(&'static str, Vec<Vec<DVec3>>)> {
     let grid = |[a, b, _, d]: [DVec3; 4]| {
         let at =
             move |i: u32, j: u32| a + (b - a) * (f64::from(i) / f64::from(n)) + (d - a) * (f64::from(j) / f64::from(n));
@@ -191,7 +195,7 @@ fn quads(n: u32) -> String {
     let shift = DVec3::new(1.1, 0.6, 0.2);
     let block = box_inside(DVec3::new(0.7, 0.9, 0.5)).map(|face| flipped(face.map(|corner| corner + shift)));
     surfaces.push(("block", block.into_iter().flat_map(grid).collect()));
-    obj(&surfaces)
+    surfaces
 }
 
 /// Largest relative difference of the factors, areas and shares of two tables; both have the same zeros.
@@ -336,7 +340,7 @@ fn rows_of_patches_are_chosen_by_patch() {
 }
 
 #[test]
-fn what_needs_triangles_or_one_material_says_so() {
+fn what_needs_one_material_says_so() {
     let place = Place::new();
     // An object of two materials, and a material of two objects.
     let text = quads(1).replacen("usemtl of_ceiling", "usemtl of_floor", 1);
@@ -360,18 +364,6 @@ fn what_needs_triangles_or_one_material_says_so() {
         .line("solve objects")
         .is(2)
         .says(&["`block`", "several materials", "--patches face"]);
-    place
-        .line("report objects room.obj -o x.html")
-        .is(2)
-        .says(&["triangles", "hemicube export"]);
-    place
-        .line("sky room.obj --store objects --up z")
-        .is(2)
-        .says(&["triangles", "--output"]);
-    place
-        .line("view hemicube room.obj --store objects --patch 0 -o x.png")
-        .is(2)
-        .says(&["one triangle"]);
     // Another scene, and another kind.
     place.write("other.obj", quads(2));
     place
@@ -396,6 +388,107 @@ fn what_needs_triangles_or_one_material_says_so() {
     assert_eq!(solved.code, Some(0), "{}", solved.err);
     let light = std::fs::read_to_string(place.path("light.csv")).expect("a table");
     assert_eq!(light.lines().count(), 1 + 7, "{light}");
+}
+
+/// Columns of a table of patches, by their names.
+fn columns(place: &Place, file: &str) -> BTreeMap<String, Vec<f64>> {
+    let text = std::fs::read_to_string(place.path(file)).expect("a table");
+    let mut lines = text.lines();
+    let names: Vec<String> = lines.next().expect("a header").split(',').map(str::to_owned).collect();
+    let mut found: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for line in lines {
+        for (name, cell) in names.iter().zip(line.split(',')) {
+            found
+                .entry(name.clone())
+                .or_default()
+                .push(cell.parse().unwrap_or(f64::NAN));
+        }
+    }
+    found
+}
+
+#[test]
+fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
+    let place = Place::new();
+    // Without its ceiling the room sees the sky, by parts that differ from triangle to triangle.
+    let mut open = surfaces(2);
+    open.retain(|(name, _)| *name != "ceiling");
+    place.write("room.obj", obj(&open));
+    for (name, more) in [("triangles", ""), ("objects", "--patches object")] {
+        place
+            .line(&format!(
+                "compute room.obj -o {name} --correction point --split 2 -q {more}"
+            ))
+            .is(0);
+        place
+            .line(&format!("sky room.obj --store {name} --up z -q --csv {name}-sky.csv"))
+            .is(0);
+        place.line(&format!("check {name} -q")).is(0);
+    }
+    let (triangles, objects) = (columns(&place, "triangles-sky.csv"), columns(&place, "objects-sky.csv"));
+    let names = std::fs::read_to_string(place.path("triangles-sky.csv")).expect("a table");
+    let object_of: Vec<&str> = names
+        .lines()
+        .skip(1)
+        .filter_map(|line| line.split(',').nth(1))
+        .collect();
+    let text = std::fs::read_to_string(place.path("objects-sky.csv")).expect("a table");
+    let mut spread = 0.0_f64;
+    for (row, line) in text.lines().skip(1).enumerate() {
+        let object = line.split(',').nth(1).expect("a name");
+        let (mut area, mut sum) = (0.0, 0.0);
+        for (k, _) in object_of.iter().enumerate().filter(|(_, name)| **name == object) {
+            area += triangles["area"][k];
+            sum += triangles["area"][k] * triangles["sky_view_factor"][k];
+            spread = spread.max((triangles["sky_view_factor"][k] - objects["sky_view_factor"][row]).abs());
+        }
+        let off = objects["sky_view_factor"][row] - sum / area;
+        assert!((objects["area"][row] / area - 1.0).abs() < 1e-12);
+        // Columns are scaled to what the matrix says a patch loses, which is in f64 from f32 shares of triangles.
+        assert!(off.abs() < 1e-6, "{object}: {off:e}");
+    }
+    assert!(spread > 0.05, "triangles of one object see alike: {spread}");
+
+    // Suns and points are of the patches, too, and light from the sky is that of the surfaces' means.
+    place.write("suns.txt", "0 0 1\n1 0 1\n");
+    place.write("points.txt", "0.5 0.5 0.4 0 0 1\n");
+    place
+        .line("sky room.obj --store objects --up z -q --suns suns.txt --points points.txt")
+        .is(0);
+    let sky = hemicube::sky::StoredSky::open(&place.path("objects/sky/sky.npz")).expect("sky rows");
+    assert_eq!(sky.rows(), objects["area"].len());
+    place.line("check objects -q").is(0);
+    place.write(
+        "m.toml",
+        "[default]\nreflectance = 0.5\n[material.of_floor]\nemission = 1\n",
+    );
+    place.line("solve objects --materials m.toml -o light.csv -q").is(0);
+    place.write("heat.toml", "[default]\nemissivity = 0.9\ntemperature = 293\n");
+    place
+        .line("solve objects --materials heat.toml --thermal --ambient 260 --ground 280 -q")
+        .is(0);
+}
+
+#[test]
+fn a_hemicube_of_a_patch_stands_on_its_middle_triangle() {
+    let place = Place::new();
+    place.write("room.obj", quads(3));
+    place.line("compute room.obj -o objects --patches object -q").is(0);
+    // The floor is 3 × 3 quads of two triangles: the middle one's are 8 and 9.
+    let found = place.line("view hemicube room.obj --store objects --patch 0 -o x.svg");
+    let found = found.is(0);
+    let said = format!("{}{}", found.out, found.err);
+    let name = said.split("object ").nth(1).and_then(|rest| rest.split(',').next());
+    let triangle = said
+        .split("from triangle ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next());
+    assert!(matches!(triangle, Some("8" | "9")), "{said}");
+    assert!(name.is_some_and(|name| SIDES.contains(&name)), "{said}");
+    place
+        .line("view hemicube room.obj --store objects --patch 7 -o y.svg")
+        .is(2)
+        .says(&["the scene has 7 patches"]);
 }
 
 #[test]

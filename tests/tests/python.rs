@@ -118,14 +118,13 @@ fn the_documented_function_reads_compact_parts() {
     }
 }
 
-type Entries = BTreeMap<(u64, u64), f32>;
+type Entries = BTreeMap<(u64, u64), f64>;
 
 fn entries(value: &Value) -> Entries {
     let list = value["entries"].as_array().expect("a list of entries");
     let number = |v: &Value| v.as_u64().expect("an index");
     let entry = |e: &Value| {
-        #[allow(clippy::cast_possible_truncation, reason = "it was printed from an f32")]
-        let factor = e[2].as_f64().expect("a number") as f32;
+        let factor = e[2].as_f64().expect("a number");
         ((number(&e[0]), number(&e[1])), factor)
     };
     let map: Entries = list.iter().map(entry).collect();
@@ -139,7 +138,7 @@ fn computed(parts: &[Part], by_patch: bool) -> Entries {
     for part in parts {
         for (k, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(k);
-            for (&column, &factor) in columns.iter().zip(factors) {
+            for (&column, factor) in columns.iter().zip(factors) {
                 let row = if by_patch { u64::from(patch) } else { k as u64 };
                 all.insert((row, u64::try_from(column).expect("a column")), factor);
             }
@@ -295,6 +294,6 @@ fn scipy_opens_everything() {
         .values_mut()
         .next()
         .into_iter()
-        .for_each(|factor| *factor = f32::from_bits(factor.to_bits() + 1));
+        .for_each(|factor| *factor = f64::from_bits(factor.to_bits() + 1));
     assert!(entries(&found["npz"]) != wrong, "one bit of one entry was not noticed");
 }

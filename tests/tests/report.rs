@@ -128,9 +128,9 @@ fn sound(browser: &Browser) {
 }
 
 /// Of a row the largest `count` entries, largest first and of equal ones the first first.
-fn largest(store: &Store, patch: u32, count: usize) -> Vec<(u32, f32)> {
+fn largest(store: &Store, patch: u32, count: usize) -> Vec<(u32, f64)> {
     let row = store.row(InputPatch(patch)).expect("a sound store").expect("a row");
-    let mut entries: Vec<(u32, f32)> = row.indices.into_iter().zip(row.data).collect();
+    let mut entries: Vec<(u32, f64)> = row.indices.into_iter().zip(&row.data).collect();
     entries.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     entries.truncate(count);
     entries
@@ -263,8 +263,8 @@ fn a_click_shows_the_row_that_the_store_has() {
         let row = store.row(InputPatch(patch)).expect("sound").expect("a row");
         let table = store.patches().expect("a patch table");
         let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
-        for (&column, &factor) in row.indices.iter().zip(&row.data) {
-            *sums.entry(table.object[column as usize]).or_default() += f64::from(factor);
+        for (&column, factor) in row.indices.iter().zip(&row.data) {
+            *sums.entry(table.object[column as usize]).or_default() += factor;
         }
         let mut best: Vec<f64> = sums.values().copied().filter(|&sum| sum > 0.0).collect();
         best.sort_by(|a, b| b.total_cmp(a));
@@ -469,4 +469,71 @@ fn equal_matrices_have_equal_pages_and_damaged_ones_are_told() {
         err.contains("part-00000.npz") && !folder.join("page.html").exists(),
         "{err}"
     );
+}
+
+#[test]
+fn a_click_on_any_triangle_of_a_patch_shows_the_row_of_the_patch() {
+    let name = "report::a_click_on_any_triangle_of_a_patch_shows_the_row_of_the_patch";
+    let Some(browser) = Browser::start(name, 1280, 1000) else {
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a temporary directory");
+    let scene = cornell().display().to_string();
+    line(
+        folder.path(),
+        &format!("compute {scene} --split 3 --patches object -o room.hemicube"),
+    );
+    line(
+        folder.path(),
+        &format!("report room.hemicube {scene} -o room.html --up y"),
+    );
+    open(&browser, &folder.path().join("room.html"));
+    let store = Store::open(&folder.path().join("room.hemicube")).expect("a store");
+    let head = browser.script("return [hemicube.head.patches, hemicube.head.elements, hemicube.model.count]");
+    assert_eq!(head, serde_json::json!([9, 360, 360]));
+    let patch_of = browser.script("return Array.from(hemicube.model.patchOf)");
+    let patch_of: Vec<u64> = patch_of
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(Value::as_u64)
+        .collect();
+    let tall = patch_of.iter().filter(|&&patch| patch == 7).count();
+    assert_eq!(tall, 90, "five faces of two triangles in nine");
+    canvas(&browser);
+    let mut middles = 0;
+    for patch in 0..9_u32 {
+        browser.script(&format!(
+            "window.seen = null; hemicube.visit({patch}).then(() => {{ window.seen = true }})"
+        ));
+        browser.wait("window.seen");
+        let row = browser.script(&format!("return hemicube.row({patch})"));
+        let entries = row["entries"].as_array().expect("entries");
+        let wanted = largest(&store, patch, entries.len());
+        for (entry, (column, factor)) in entries.iter().zip(&wanted) {
+            let found = entry["factor"].as_f64().expect("a number");
+            assert!(near(found, f64::from(*factor)), "{patch}: {entry} {column} {factor}");
+        }
+        // What lies in the middle of the picture is of that patch.
+        browser.script(
+            "window.seen = null; const view = document.getElementById('view'); \
+             hemicube.pick(view.clientWidth / 2, view.clientHeight / 2).then((at) => { window.seen = [at] })",
+        );
+        browser.wait("window.seen");
+        let found = browser.script("return window.seen[0]");
+        let found = found.as_i64().expect("a number");
+        assert!((-1..9).contains(&found), "{found} is a patch");
+        middles += u32::from(found == i64::from(patch));
+    }
+    // A block stands before the largest triangle of a wall or two.
+    assert!(middles >= 7, "{middles}");
+    // All triangles of the selected patch have its colour.
+    let red = browser.script(
+        "const model = hemicube.model, of = (k) => Array.from(model.texels.subarray(4 * k, 4 * k + 3)).join(); \
+         const own = []; for (let k = 0; k < model.count; k++) if (model.patchOf[k] === 8) own.push(of(k)); \
+         return [own.length, new Set(own).size, own[0]]",
+    );
+    assert_eq!(red[1], 1, "{red}");
+    assert_eq!(red[2], "214,40,40");
+    keep("surfaces.png", &browser.screenshot());
 }

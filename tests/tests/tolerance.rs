@@ -564,7 +564,7 @@ fn crossing_surfaces_and_their_split_twins() {
 }
 
 /// A row: how many hemicubes and rays it took, and its columns and factors.
-type Counted = (u32, u32, Vec<(i32, f32)>);
+type Counted = (u32, u32, Vec<(i32, f64)>);
 
 /// 96 rows of a scene.
 fn some_rows(model: &Model, refinement: Refinement, resolution: u32) -> Vec<Counted> {
@@ -575,7 +575,7 @@ fn some_rows(model: &Model, refinement: Refinement, resolution: u32) -> Vec<Coun
     let of_part = |part: &Part| {
         let row = |place: usize| {
             let (columns, values) = part.row(place);
-            let entries = columns.iter().copied().zip(values.iter().copied()).collect();
+            let entries = columns.iter().copied().zip(values).collect();
             (part.hemicubes[place], part.rays[place], entries)
         };
         (0..part.rows.len()).map(row).collect::<Vec<_>>()

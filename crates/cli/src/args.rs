@@ -488,9 +488,9 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn tolerance(text: &str) -> Result<Tolerance, String> {
-    const LEAST: f64 = 1e-5;
+    const LEAST: f64 = 1e-7;
     const MOST: f64 = 0.5;
-    // 0.001% is 1e-5, but need not be to the last bit.
+    // 0.00001% is 1e-7, but need not be to the last bit.
     let share = match text.strip_suffix('%') {
         Some(percent) => percent.trim().parse::<f64>().map(|percent| percent / 100.0),
         None => text.parse::<f64>(),
@@ -498,7 +498,7 @@ pub(crate) fn tolerance(text: &str) -> Result<Tolerance, String> {
     match share {
         Ok(share) if (LEAST * (1.0 - 1e-9)..=MOST).contains(&share) => Ok(Tolerance(share)),
         Ok(share) if share > MOST => Err("it is above 50 %; 1% is 0.01, and 1 is 100 %".to_owned()),
-        Ok(_) => Err("an error from 0.001% to 50% is needed".to_owned()),
+        Ok(_) => Err("an error from 0.00001% (1e-7) to 50% is needed".to_owned()),
         Err(_) => Err("an error such as `1%`, `0.3%` or `0.003` is needed".to_owned()),
     }
 }
@@ -668,13 +668,15 @@ mod tests {
             ("0.3 %", 0.003),
             ("1e-5", 1e-5),
             ("0.001%", 1e-5),
+            ("0.00001%", 1e-7),
+            ("1e-7", 1e-7),
             ("50%", 0.5),
         ] {
             let read = tolerance(text).expect(text).0;
             assert!((read - share).abs() <= 1e-12 * share, "{text}: {read}");
         }
         for wrong in [
-            "0", "-1%", "0.0009%", "51%", "1", "5", "nan", "nan%", "inf", "%", "", "few",
+            "0", "-1%", "0.000009%", "9e-8", "51%", "1", "5", "nan", "nan%", "inf", "%", "", "few",
         ] {
             assert!(tolerance(wrong).is_err(), "{wrong}");
         }

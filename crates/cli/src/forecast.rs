@@ -61,6 +61,7 @@ pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
 pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
     let entry = match form {
         Form::Plain => 8.0,
+        Form::Double => 12.0,
         // From `docs/store.md`: between 2.1 and 2.6 in large scenes.
         Form::Compact => 2.6,
     };

@@ -61,13 +61,21 @@ impl RenderSettings {
 /// An accuracy level that cannot be kept, with the next step.
 pub(crate) fn explain(error: LevelError) -> anyhow::Error {
     match error {
-        LevelError::Rounding { rounding, tolerance } => hinted(
+        LevelError::Rounding {
+            form,
+            rounding,
+            tolerance,
+        } => hinted(
             anyhow!(
-                "`--store compact` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
-                percent(rounding),
-                percent(tolerance)
+                "`--store {}` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
+                form.name(),
+                percentage(rounding),
+                percentage(tolerance)
             ),
-            "`--store plain` rounds nothing",
+            match form {
+                Form::Compact => "`--store plain` rounds nothing",
+                Form::Plain | Form::Double => "below 0.000012% (1.2e-7) `--store double` is needed: form factors in f64",
+            },
         ),
         error => error.into(),
     }

@@ -147,7 +147,8 @@ impl SceneSettings {
     }
 
     /// The settings as the library takes them.
-    fn given(&self) -> GivenSettings {
+    /// The settings of the scene by the library's names.
+    pub(crate) fn given(&self) -> GivenSettings {
         GivenSettings {
             subdivision: self.subdivision(),
             two_sided: match self.two_sided {

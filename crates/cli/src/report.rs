@@ -346,6 +346,15 @@ pub(crate) fn counted(number: u64, what: &str) -> String {
     format!("{} {plural}", count(number))
 }
 
+/// [`percent`] with three digits however small the share is.
+pub(crate) fn small_percent(fraction: f64) -> String {
+    if fraction > 0.0 && fraction < 1e-4 {
+        format!("{} %", figures(100.0 * fraction))
+    } else {
+        percent(fraction)
+    }
+}
+
 /// Formats 0.1234 as `12.3 %`. A share above 0 never reads 0, and one below 1 never reads 100.
 pub(crate) fn percent(fraction: f64) -> String {
     let percent = 100.0 * fraction;

@@ -5,10 +5,13 @@ use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Grouping;
+use hemicube::driver::input::SceneInput;
 use hemicube::driver::room::Work;
 use hemicube::portal::Specular;
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
+use hemicube_scene::ReadOptions;
+use hemicube_scene::up::{Up, up};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -127,23 +130,22 @@ pub(crate) fn specular(store: &Store, prepared: &Prepared) -> Result<Option<Spec
     })
 }
 
-/// Refuses a matrix of patches that are several triangles, for what needs triangles.
+/// The guess of the axis pointing up, where neither the matrix nor its scene at `path` tells; `None` where one does.
 ///
 /// # Errors
-/// When it is one; `instead` says what to do.
-pub(crate) fn require_triangles(store: &Store, what: &str, instead: &str) -> Result<()> {
-    let kind = store.manifest().patch_kind();
-    if kind.is_triangle() {
-        return Ok(());
+/// When the scene cannot be read.
+pub(crate) fn guessed_up(store: &Store, path: &Path) -> Result<Option<Up>> {
+    let settings = settings(store)?;
+    if settings.up.is_some() {
+        return Ok(None);
     }
-    Err(hinted(
-        anyhow!(
-            "{what}, and `{}` is the matrix of patches by {}",
-            store.directory().display(),
-            kind.name()
-        ),
-        instead.to_owned(),
-    ))
+    let scene = SceneInput::new(
+        hemicube_scene::load(path, ReadOptions::default())?,
+        path,
+        settings.given(),
+    )?;
+    let found = up(&scene);
+    Ok(found.known().is_none().then_some(found))
 }
 
 /// The sky rows beside a matrix, from `hemicube sky --store`.

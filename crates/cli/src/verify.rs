@@ -311,7 +311,7 @@ impl Verify<'_> {
                 estimated.push(EstimatedRow {
                     emitter,
                     columns: stored.indices,
-                    values: stored.data.into_iter().map(f64::from).collect(),
+                    values: stored.data.into_f64(),
                 });
             }
         }

@@ -277,7 +277,7 @@ impl<'a> Faces<'a> {
                     .indices
                     .iter()
                     .copied()
-                    .zip(row.data.iter().map(|&f| f64::from(f)))
+                    .zip(&row.data)
                     .collect(),
                 None => Vec::new(),
             },

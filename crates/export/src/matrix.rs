@@ -9,7 +9,7 @@ use crate::{Error, ExportFormat, Result};
 use hemicube::InputPatch;
 use hemicube::analysis::zones::Zone;
 use hemicube::sky::StoredSky;
-use hemicube::store::{self, PATCH_COUNT_MAX, Row, Store};
+use hemicube::store::{self, FactorSlice, FactorVec, PATCH_COUNT_MAX, Precision, Row, Store};
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -77,7 +77,7 @@ pub struct ExportReport {
 /// // What was written is what was computed, to the bit.
 /// let (row, exported) = (store.row(InputPatch(9))?.ok_or("no row")?, Matrix::open(&path)?.row(9)?.ok_or("no row")?);
 /// assert_eq!(exported.columns, row.indices);
-/// assert!(exported.values.iter().eq(row.data.iter().map(|&factor| f64::from(factor)).collect::<Vec<_>>().iter()));
+/// assert!(exported.values.iter().eq(row.data.iter().collect::<Vec<f64>>().iter()));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportOptions<'_>) -> Result<ExportReport> {
@@ -95,13 +95,14 @@ pub fn export_zones(
     format: ExportFormat,
     options: ExportOptions<'_>,
 ) -> Result<ExportReport> {
-    let rows: Vec<Row> = zones.iter().map(row_of_zone).collect();
+    let precision = store.manifest().form.precision();
+    let rows: Vec<Row> = zones.iter().map(|zone| row_of_zone(zone, precision)).collect();
     write((store, None, Some(&rows)), path, format, options)
 }
 
-fn row_of_zone(zone: &Zone) -> Row {
-    #[allow(clippy::cast_possible_truncation, reason = "a matrix has f32")]
-    let data = zone.factors.iter().map(|&(_, factor)| factor as f32).collect();
+fn row_of_zone(zone: &Zone, precision: Precision) -> Row {
+    let mut data = FactorVec::new(precision);
+    zone.factors.iter().for_each(|&(_, factor)| data.push(factor));
     Row {
         indices: zone.factors.iter().map(|&(to, _)| to).collect(),
         data,
@@ -240,6 +241,11 @@ impl Export<'_> {
         })
     }
 
+    /// Width of form factors in the file: that of the store's.
+    pub(crate) fn precision(&self) -> Precision {
+        self.store.manifest().form.precision()
+    }
+
     pub(crate) fn row_count(&self) -> u32 {
         let zones = self.zones.map(|zones| u32::try_from(zones.len()).unwrap_or(u32::MAX));
         zones.unwrap_or(self.store.patch_count())
@@ -284,8 +290,7 @@ impl Export<'_> {
             let first = self.row_count();
             let (columns, shares) = sky.row(patch.0 as usize);
             row.indices.extend(columns.iter().map(|column| first + column));
-            #[allow(clippy::cast_possible_truncation, reason = "a matrix has f32")]
-            row.data.extend(shares.iter().map(|&share| share as f32));
+            row.data.extend(FactorSlice::Double(shares));
         }
         row
     }

@@ -42,7 +42,7 @@ fn npz_is_the_matrix() {
     for (patch, row) in sample.dense().into_iter().enumerate() {
         let mut found = vec![0.0; 83];
         for place in indptr[patch] as usize..indptr[patch + 1] as usize {
-            found[indices[place] as usize] = data[place];
+            found[indices[place] as usize] = f64::from(data[place]);
         }
         assert_eq!(found, row.unwrap_or(vec![0.0; 83]), "row {patch}");
     }
@@ -130,9 +130,9 @@ fn a_store_and_its_exports_compare_as_equal_and_a_changed_one_does_not() {
     let mut changed = self::sample(60, 45, 16, 5);
     let part = &mut changed.parts[1];
     let largest = (0..part.data.len())
-        .max_by(|&a, &b| part.data[a].total_cmp(&part.data[b]))
+        .max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b)))
         .unwrap();
-    part.data[largest] *= 0.5;
+    part.data.set(largest, part.data.at(largest) * 0.5);
     let other = directory.path().join("other");
     changed.write(&other);
     let found = compare(&Matrix::open(&other).unwrap(), &reference, &CompareOptions::default()).unwrap();

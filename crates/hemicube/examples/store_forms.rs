@@ -127,8 +127,7 @@ fn measure(source: &Store, parts: &[Part], form: Form, directory: &Path) -> Resu
         for row in 0..part.rows.len() {
             let (computed, kept) = (part.row(row).1, stored.row(row).1);
             let (mut sum, mut sum_kept) = (0.0, 0.0);
-            for (&computed, &kept) in computed.iter().zip(kept) {
-                let (computed, kept) = (f64::from(computed), f64::from(kept));
+            for (computed, kept) in computed.iter().zip(kept) {
                 // What is smaller keeps its place, not its value.
                 if computed >= f64::powi(2.0, -62) {
                     worst = worst.max((kept - computed).abs() / computed);

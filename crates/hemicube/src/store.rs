@@ -41,6 +41,7 @@ mod compact;
 mod csr;
 mod durable;
 mod error;
+mod factors;
 mod grouped;
 mod lock;
 mod manifest;
@@ -61,10 +62,11 @@ mod write;
 pub use assembly::{Assembly, Index};
 pub use durable::{DurableFile, TemporaryFile};
 pub use error::{Error, Result};
+pub use factors::{FactorIter, FactorSlice, FactorVec, Precision};
 pub use lock::FolderLock;
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchOptics, PatchTable, SceneEntry,
-    VERSION, VERSION_EXTENDED, VERSION_MIN, optics_of, scene_hash,
+    VERSION, VERSION_DOUBLE, VERSION_EXTENDED, VERSION_MIN, optics_of, scene_hash,
 };
 pub use matrix::{F32_COMMENT, Matrix, MatrixRow};
 pub use npy::{Element, ElementType};
@@ -77,6 +79,7 @@ pub use shares::RowShares;
 pub use small_entries::{PartThinning, Thinning};
 pub use write::StoreWriter;
 
+pub(crate) use factors::Number;
 pub(crate) use durable::{file_checksum, read_exact_at, sealed_checksum, write_whole};
 pub(crate) use manifest::{is_sealed_or_plain_json, seal_json};
 pub(crate) use npy::{Header as NpyHeader, decode};
@@ -92,9 +95,10 @@ pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
 /// ```
 /// use hemicube::store::Form;
 /// let kept = Form::Compact.round(0.1);
-/// assert!(kept != 0.1 && f64::from((kept - 0.1).abs() / 0.1) <= Form::Compact.value_error());
+/// assert!(kept != 0.1 && (kept - 0.1).abs() / 0.1 <= Form::Compact.value_error());
 /// assert_eq!(Form::Compact.round(kept), kept);
-/// assert_eq!((Form::Plain.round(0.1), Form::Plain.value_error()), (0.1, 0.0));
+/// assert_eq!((Form::Plain.round(0.1), Form::Plain.value_error()), (0.1_f32.into(), 0.0));
+/// assert_eq!(Form::Double.round(0.1), 0.1);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -104,23 +108,44 @@ pub enum Form {
     Plain,
     /// 16-bit form factors and runs of columns, 2 to 3 bytes an entry in most scenes.
     Compact,
+    /// f64 form factors and i32 columns, 12 bytes an entry, readable by `scipy.sparse.load_npz`.
+    Double,
 }
 
 impl Form {
-    /// Relative rounding error of a form factor: 0 in the plain form, 2⁻¹¹ in the compact one (from 2⁻⁶² up; smaller
-    /// ones are rounded to something below that).
+    /// The name in manifests and of `--store`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plain => "plain",
+            Self::Compact => "compact",
+            Self::Double => "double",
+        }
+    }
+
+    /// Relative rounding error of a form factor beyond f32's: 0 in the plain and the double form, 2⁻¹¹ in the compact
+    /// one (from 2⁻⁶² up; smaller ones are rounded to something below that).
     pub fn value_error(self) -> f64 {
         match self {
-            Self::Plain => 0.0,
+            Self::Plain | Self::Double => 0.0,
             Self::Compact => compact::VALUE_ERROR,
         }
     }
 
     /// Rounds a form factor. Rounding again changes nothing.
-    pub fn round(self, factor: f32) -> f32 {
+    #[allow(clippy::cast_possible_truncation, reason = "rounding to f32 is wanted")]
+    pub fn round(self, factor: f64) -> f64 {
         match self {
-            Self::Plain => factor,
-            Self::Compact => compact::round(factor),
+            Self::Plain => f64::from(factor as f32),
+            Self::Compact => f64::from(compact::round(factor as f32)),
+            Self::Double => factor,
+        }
+    }
+
+    /// Width of form factors in memory.
+    pub fn precision(self) -> Precision {
+        match self {
+            Self::Plain | Self::Compact => Precision::Single,
+            Self::Double => Precision::Double,
         }
     }
 
@@ -175,7 +200,7 @@ pub struct Part {
     /// The input patch of each entry's column, ascending within a row.
     pub indices: Vec<i32>,
     /// The form factor of each entry.
-    pub data: Vec<f32>,
+    pub data: FactorVec,
     /// Weights of each row.
     pub sums: Vec<RowSums>,
     /// Shares of each row, refined with its form factors; with pixel sums, the weights' shares.
@@ -231,15 +256,23 @@ impl PartialEq for Part {
 }
 
 impl Part {
+    /// A part without rows, with form factors as wide as a form's.
+    pub fn new(form: Form) -> Self {
+        Self {
+            data: FactorVec::new(form.precision()),
+            ..Self::default()
+        }
+    }
+
     /// The columns and form factors of a row, by its place in the part; empty beyond the last row.
-    pub fn row(&self, row: usize) -> (&[i32], &[f32]) {
+    pub fn row(&self, row: usize) -> (&[i32], FactorSlice<'_>) {
         let bound = |place: usize| self.indptr.get(place).and_then(|&bound| usize::try_from(bound).ok());
         match (bound(row), bound(row.saturating_add(1))) {
             (Some(start), Some(end)) => (
                 self.indices.get(start..end).unwrap_or(&[]),
-                self.data.get(start..end).unwrap_or(&[]),
+                self.data.get(start..end).unwrap_or_default(),
             ),
-            _ => (&[], &[]),
+            _ => (&[], FactorSlice::default()),
         }
     }
 }

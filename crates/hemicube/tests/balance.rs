@@ -76,7 +76,7 @@ fn noisy(recipe: Recipe, seed: u64) -> Sample {
                     let noise = 1.0 + recipe.noise * (2.0 * unit(&mut random) - 1.0);
                     if factor > 0.0 && !(is_missing && j.abs_diff(i) > 3) {
                         part.indices.push(j as i32);
-                        part.data.push((factor * noise) as f32);
+                        part.data.push(factor * noise);
                     }
                 }
                 let visible = (sum(i) / largest * HEMICUBE_WEIGHT as f64) as u64;
@@ -178,8 +178,8 @@ fn dense(store: &Store) -> Vec<Vec<f64>> {
     let mut rows = vec![vec![0.0; n]; n];
     for row in store.rows().unwrap() {
         let (patch, row) = row.unwrap();
-        for (&column, &factor) in row.indices.iter().zip(&row.data) {
-            rows[patch.0 as usize][column as usize] = f64::from(factor);
+        for (&column, factor) in row.indices.iter().zip(&row.data) {
+            rows[patch.0 as usize][column as usize] = factor;
         }
     }
     rows
@@ -506,7 +506,7 @@ fn what_cannot_be_balanced_is_refused_with_a_reason() {
         for value in [f32::NAN, f32::INFINITY, -0.1] {
             let bad = |directory: &Path| {
                 let mut part = good.parts[1].clone();
-                part.data[5] = value;
+                part.data.set(5, f64::from(value));
                 doctor_part(directory, &part);
             };
             says(refusal(&good, &options, bad), &["part-00001.npz", "the form factor"]);
@@ -581,7 +581,7 @@ fn by_hand(rows: &[(&[(i32, f32)], f64)]) -> Sample {
     for (patch, (entries, escaped)) in (0..).zip(rows) {
         for &(column, factor) in *entries {
             part.indices.push(column);
-            part.data.push(factor);
+            part.data.push(f64::from(factor));
         }
         push_sums(&mut part, patch, (escaped * HEMICUBE_WEIGHT as f64) as u64, 0);
     }

@@ -73,7 +73,7 @@ fn random_room(patches: usize) -> InMemory {
             let sum: f32 = row.iter().sum();
             for (j, value) in (0i32..).zip(&row).filter(|(_, value)| **value > 0.0) {
                 part.indices.push(j);
-                part.data.push(value / sum);
+                part.data.push(f64::from(value / sum));
             }
             part.rows.push(u32::try_from(patch).expect("few patches"));
             part.indptr.push(i64::try_from(part.data.len()).expect("few entries"));

@@ -13,7 +13,7 @@ mod mutants;
 mod sample;
 
 use hemicube::store::{
-    Error, Form, HEMICUBE_WEIGHT, Matrix, Part, RowShares, RowSums, Shard, Store, StoreWriter, merge,
+    Error, FactorVec, Form, HEMICUBE_WEIGHT, Matrix, Part, RowShares, RowSums, Shard, Store, StoreWriter, merge,
 };
 use hemicube_scene::InputPatch;
 use sample::{Random, doctor_manifest, files, sample};
@@ -21,7 +21,7 @@ use std::path::Path;
 
 #[test]
 fn a_store_reads_back_what_was_written() {
-    for form in [Form::Plain, Form::Compact] {
+    for form in [Form::Plain, Form::Compact, Form::Double] {
         reads_back(form);
     }
 }
@@ -46,7 +46,7 @@ fn reads_back(form: Form) {
     let dense = sample.dense();
     let expand = |row: hemicube::store::Row| {
         let mut expanded = vec![0.0; 97];
-        for (&column, &factor) in row.indices.iter().zip(&row.data) {
+        for (&column, factor) in row.indices.iter().zip(&row.data) {
             expanded[column as usize] = factor;
         }
         expanded
@@ -105,7 +105,10 @@ fn other_readers_find_the_same_arrays() {
     sample.write(directory.path());
     for part in &sample.parts {
         let path = directory.path().join(format!("parts/part-{:05}.npz", part.index));
-        assert_eq!(sample::array::<f32>(&path, "data"), part.data);
+        match &part.data {
+            FactorVec::Single(data) => assert_eq!(&sample::array::<f32>(&path, "data"), data),
+            FactorVec::Double(data) => assert_eq!(&sample::array::<f64>(&path, "data"), data),
+        }
         assert_eq!(sample::array::<i32>(&path, "indices"), part.indices);
         assert_eq!(sample::array::<i64>(&path, "indptr"), part.indptr);
         assert_eq!(sample::array::<u32>(&path, "rows"), part.rows);
@@ -133,7 +136,7 @@ fn other_readers_find_the_same_arrays() {
 
 #[test]
 fn equal_runs_write_equal_bytes_whatever_the_order_of_the_parts() {
-    for form in [Form::Plain, Form::Compact] {
+    for form in [Form::Plain, Form::Compact, Form::Double] {
         writes_equal_bytes(form);
     }
 }
@@ -289,7 +292,7 @@ fn a_part_that_no_reader_could_rely_on_is_refused() {
         ("leave the matrix", &|part| part.indices[0] = -1),
         ("leave the matrix", &|part| part.indices[last] = 30),
         ("do not ascend", &|part| part.indices[1] = part.indices[0]),
-        ("NaN", &|part| part.data[5] = f32::NAN),
+        ("NaN", &|part| part.data.set(5, f64::NAN)),
         ("sum to", &|part| part.sums[0].escaped += 1),
         ("10 rows", &|part| {
             part.shares.pop();
@@ -355,7 +358,7 @@ fn read_all(directory: &Path) -> Result<(), Error> {
 
 #[test]
 fn every_truncation_is_an_error_that_names_the_file() {
-    for form in [Form::Plain, Form::Compact] {
+    for form in [Form::Plain, Form::Compact, Form::Double] {
         truncations_are_errors(form);
     }
 }
@@ -385,7 +388,7 @@ fn truncations_are_errors(form: Form) {
 
 #[test]
 fn every_flipped_bit_is_detected_and_none_brings_a_reader_down() {
-    for form in [Form::Plain, Form::Compact] {
+    for form in [Form::Plain, Form::Compact, Form::Double] {
         flipped_bits_are_detected(form);
     }
 }
@@ -525,7 +528,7 @@ fn compressed_and_wider_matrices_are_read_as_scipy_saves_them() {
     sample.write(directory.path());
     let path = directory.path().join("matrix.npz");
     let wide: Vec<i64> = sample.parts[0].indices.iter().map(|&index| index.into()).collect();
-    let double: Vec<f64> = sample.parts[0].data.iter().map(|&factor| factor.into()).collect();
+    let double: Vec<f64> = sample.parts[0].data.iter().collect();
     let entries = wide.len() as u64;
     for method in [zip::CompressionMethod::Stored, zip::CompressionMethod::Deflated] {
         std::fs::copy(directory.path().join("parts/part-00000.npz"), &path).unwrap();
@@ -631,7 +634,7 @@ fn a_disk_that_is_too_small_is_told_before_the_first_row() {
 
 #[test]
 fn products_are_those_of_the_rows_whatever_the_threads() {
-    for form in [Form::Plain, Form::Compact] {
+    for form in [Form::Plain, Form::Compact, Form::Double] {
         let directory = tempfile::tempdir().unwrap();
         // Rows of some patches only, in many parts, of which the last is short.
         let sample = sample(230, 190, 7, 21).in_form(form);
@@ -773,7 +776,7 @@ fn shards_and_resumed_runs_write_the_bytes_of_one_run() {
     assert!(error.to_string().contains("version of hemicube is "), "{error}");
     // The same part with other bits, sealed all the same: a machine that computes otherwise, or memory that fails.
     let mut odd = sample.parts[6].clone();
-    odd.data[3] += 1e-3;
+    odd.data.set(3, odd.data.at(3) + 1e-3);
     let wrong = directory.path().join("wrong");
     let (mut writer, _) = resume(&wrong, shard(3)).unwrap();
     writer.write_part(&odd).unwrap();

@@ -97,9 +97,9 @@ fn asked(
                 "`tolerance` chooses what keeps it; `correction`, `resolution` and `samples` are for runs without",
             ));
         }
-        if !(1e-5..=0.5).contains(&tolerance) {
+        if !(1e-7..=0.5).contains(&tolerance) {
             return Err(errors::input(format!(
-                "`tolerance` is {tolerance}; a share from 0.00001 to 0.5 is needed"
+                "`tolerance` is {tolerance}; a share from 0.0000001 to 0.5 is needed"
             )));
         }
         return Ok(Asked::Tolerance(tolerance));
@@ -210,7 +210,8 @@ fn interrupted() -> PyErr {
 /// side). `Matrix.specular_reflectance`, `.transmittance`, `.passed` and `.cut_off` tell of it.
 ///
 /// Without `output` the matrix is in memory. With it, it is a store in that directory, with the bytes of the program's
-/// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room.
+/// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room,
+/// `store='double'` keeps form factors in f64.
 ///
 /// From a million patches on, the store is compact and form factors below 1e-7 are left out, unless `store` and
 /// `min_factor` say otherwise, or a tolerance below 0.3 % is asked for.
@@ -317,9 +318,10 @@ pub(crate) fn compute(
             None => None,
             Some("plain") => Some(Form::Plain),
             Some("compact") => Some(Form::Compact),
+            Some("double") => Some(Form::Double),
             Some(other) => {
                 return Err(errors::input(format!(
-                    "`store` is `{other}`; plain or compact is needed"
+                    "`store` is `{other}`; plain, compact or double is needed"
                 )));
             }
         },

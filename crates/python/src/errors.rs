@@ -1,5 +1,6 @@
 //! Errors as Python's exceptions: classes of `hemicube._errors` with the library's messages.
 
+use crate::keywords::keywords;
 use hemicube::driver::compute::ComputeError;
 use hemicube::driver::input::InputError;
 use hemicube::driver::job::JobError;
@@ -48,7 +49,9 @@ impl Class {
         }
     }
 
-    fn raise(self, message: String) -> PyErr {
+    /// The exception, with options of the library's message as keywords.
+    fn raise(self, message: &str) -> PyErr {
+        let message = keywords(message);
         Python::attach(|py| {
             let class = py
                 .import("hemicube._errors")
@@ -80,12 +83,12 @@ fn message(error: &dyn Error) -> String {
 
 /// An argument that cannot be used.
 pub(crate) fn input(message: impl Into<String>) -> PyErr {
-    Class::Input.raise(message.into())
+    Class::Input.raise(&message.into())
 }
 
 /// Content of a file or a pickle that cannot be used.
 pub(crate) fn content(message: impl Into<String>) -> PyErr {
-    Class::Store.raise(message.into())
+    Class::Store.raise(&message.into())
 }
 
 pub(crate) fn scene(error: &SceneError) -> PyErr {
@@ -93,7 +96,7 @@ pub(crate) fn scene(error: &SceneError) -> PyErr {
         ErrorKind::Io(source) => Class::of_io(source),
         _ => Class::Input,
     }
-    .raise(message(error))
+    .raise(&message(error))
 }
 
 pub(crate) fn uncut(error: &InputError) -> PyErr {
@@ -117,18 +120,18 @@ pub(crate) fn no_room(error: &NoRoom) -> PyErr {
 pub(crate) fn store(error: &StoreError) -> PyErr {
     let text = message(error);
     match error {
-        StoreError::Io { source, .. } => Class::of_io(source).raise(text),
+        StoreError::Io { source, .. } => Class::of_io(source).raise(&text),
         StoreError::NoSpace { .. } | StoreError::DiskTooSmall { .. } | StoreError::Locked { .. } => {
-            Class::File.raise(text)
+            Class::File.raise(&text)
         }
         // The library's messages name the program's flag.
         StoreError::Exists { path } => {
-            Class::Store.raise(format!("`{}` exists; `overwrite=True` replaces it", path.display()))
+            Class::Store.raise(&format!("`{}` exists; `overwrite=True` replaces it", path.display()))
         }
         StoreError::OtherRun { .. } => {
-            Class::Store.raise(format!("{text}; `overwrite=True` replaces it, another name leaves it"))
+            Class::Store.raise(&format!("{text}; `overwrite=True` replaces it, another name leaves it"))
         }
-        _ => Class::Store.raise(text),
+        _ => Class::Store.raise(&text),
     }
 }
 
@@ -136,7 +139,7 @@ pub(crate) fn compute(error: &ComputeError) -> PyErr {
     match error {
         ComputeError::Store(error) => store(error),
         ComputeError::Cancelled => PyKeyboardInterrupt::new_err(error.to_string()),
-        error => Class::Backend.raise(message(error)),
+        error => Class::Backend.raise(&message(error)),
     }
 }
 
@@ -156,11 +159,11 @@ pub(crate) fn job(error: &JobError) -> PyErr {
 }
 
 pub(crate) fn opening(error: &OpenError) -> PyErr {
-    Class::Backend.raise(message(error))
+    Class::Backend.raise(&message(error))
 }
 
 pub(crate) fn backend(message: impl Into<String>) -> PyErr {
-    Class::Backend.raise(message.into())
+    Class::Backend.raise(&message.into())
 }
 
 pub(crate) fn solving(error: &SolveError) -> PyErr {

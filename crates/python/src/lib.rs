@@ -16,6 +16,7 @@ mod exchange;
 mod export;
 mod faces;
 mod heat;
+mod keywords;
 mod matrix;
 mod numbers;
 mod pickle;

@@ -7,8 +7,8 @@ use crate::{errors, numbers, pickle};
 use hemicube::InputPatch;
 use hemicube::solve::{Block, Factors, OutOfCore, multiply};
 use hemicube::store::{
-    Assembly, Error as StoreError, Header, Index, Part, PatchOptics, PatchTable, RowTable, Store, StoreWriter,
-    optics_of,
+    Assembly, Error as StoreError, FactorSlice, FactorVec, Header, Index, Part, PatchOptics, PatchTable, Precision,
+    RowTable, Store, StoreWriter, optics_of,
 };
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyIndexError;
@@ -22,12 +22,57 @@ use std::sync::atomic::AtomicBool;
 /// Rows in a run of a matrix in memory.
 const RUN: usize = 1024;
 
+/// Form factors owned by NumPy, read-only.
+#[derive(Debug)]
+enum Data {
+    Single(Py<PyArray1<f32>>),
+    Double(Py<PyArray1<f64>>),
+}
+
+impl Data {
+    fn new(py: Python<'_>, data: FactorVec) -> Self {
+        match data {
+            FactorVec::Single(data) => Self::Single(numbers::frozen(py, data).unbind()),
+            FactorVec::Double(data) => Self::Double(numbers::frozen(py, data).unbind()),
+        }
+    }
+
+    fn bind<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        match self {
+            Self::Single(data) => data.bind(py).as_any().clone(),
+            Self::Double(data) => data.bind(py).as_any().clone(),
+        }
+    }
+
+    fn view<'py>(&self, py: Python<'py>) -> DataView<'py> {
+        match self {
+            Self::Single(data) => DataView::Single(data.bind(py).readonly()),
+            Self::Double(data) => DataView::Double(data.bind(py).readonly()),
+        }
+    }
+}
+
+/// Form factors borrowed for reading.
+enum DataView<'py> {
+    Single(PyReadonlyArray1<'py, f32>),
+    Double(PyReadonlyArray1<'py, f64>),
+}
+
+impl DataView<'_> {
+    fn as_slice(&self) -> PyResult<FactorSlice<'_>> {
+        Ok(match self {
+            Self::Single(data) => FactorSlice::Single(data.as_slice()?),
+            Self::Double(data) => FactorSlice::Double(data.as_slice()?),
+        })
+    }
+}
+
 /// Compressed rows owned by NumPy, read-only.
 #[derive(Debug)]
 struct Arrays<I: Element> {
     indptr: Py<PyArray1<I>>,
     indices: Py<PyArray1<I>>,
-    data: Py<PyArray1<f32>>,
+    data: Data,
 }
 
 impl<I: Index + Element> Arrays<I> {
@@ -36,7 +81,7 @@ impl<I: Index + Element> Arrays<I> {
         Self {
             indptr: numbers::frozen(py, indptr).unbind(),
             indices: numbers::frozen(py, indices).unbind(),
-            data: numbers::frozen(py, data).unbind(),
+            data: Data::new(py, data),
         }
     }
 
@@ -79,7 +124,7 @@ impl<I: Index + Element> Arrays<I> {
         View {
             indptr: self.indptr.bind(py).readonly(),
             indices: self.indices.bind(py).readonly(),
-            data: self.data.bind(py).readonly(),
+            data: self.data.view(py),
         }
     }
 }
@@ -88,7 +133,7 @@ impl<I: Index + Element> Arrays<I> {
 struct View<'py, I: Element> {
     indptr: PyReadonlyArray1<'py, I>,
     indices: PyReadonlyArray1<'py, I>,
-    data: PyReadonlyArray1<'py, f32>,
+    data: DataView<'py>,
 }
 
 impl<I: Index + Element> View<'_, I> {
@@ -105,7 +150,7 @@ impl<I: Index + Element> View<'_, I> {
 struct Slices<'a, I> {
     indptr: &'a [I],
     indices: &'a [I],
-    data: &'a [f32],
+    data: FactorSlice<'a>,
 }
 
 impl<I: Index> Factors for Slices<'_, I> {
@@ -127,7 +172,7 @@ impl<I: Index> Factors for Slices<'_, I> {
             rows: (first..end).filter_map(|row| u32::try_from(row).ok()).collect(),
             indptr: (first..=end).map(|row| count(bound(row) - start)).collect(),
             indices: self.indices[start..stop].iter().map(column).collect(),
-            data: self.data[start..stop].to_vec(),
+            data: self.data.get(start..stop).unwrap_or_default().to_vec(),
             ..Part::default()
         }))
     }
@@ -140,7 +185,7 @@ impl<I: Index> Slices<'_, I> {
         let bound = |row: usize| -> usize { self.indptr[row].try_into().unwrap_or(0) };
         for &patch in &head.rows {
             let entries = bound(patch as usize)..bound(patch as usize + 1);
-            part.data.extend_from_slice(&self.data[entries.clone()]);
+            part.data.extend(self.data.get(entries.clone()).unwrap_or_default());
             part.indices.extend(self.indices[entries].iter().map(column));
         }
         part
@@ -176,11 +221,11 @@ enum Assembled {
 }
 
 impl Assembled {
-    fn new(entries_of_rows: &[u64]) -> PyResult<Self> {
-        if let Some(narrow) = Assembly::new(entries_of_rows) {
+    fn new(entries_of_rows: &[u64], precision: Precision) -> PyResult<Self> {
+        if let Some(narrow) = Assembly::new(entries_of_rows, precision) {
             return Ok(Self::Narrow(narrow));
         }
-        let wide = Assembly::new(entries_of_rows);
+        let wide = Assembly::new(entries_of_rows, precision);
         wide.map(Self::Wide)
             .ok_or_else(|| errors::input("the matrix has more entries than can be counted"))
     }
@@ -305,7 +350,7 @@ fn relative(errors: &[f64], squared_norm: f64) -> Option<f64> {
 }
 
 fn squared_norm(part: &Part) -> f64 {
-    part.data.iter().map(|&factor| f64::from(factor).powi(2)).sum()
+    part.data.iter().map(|factor| factor.powi(2)).sum()
 }
 
 impl Matrix {
@@ -330,10 +375,11 @@ impl Matrix {
                 entries[patch as usize] = part.row(row).0.len() as u64;
             }
         }
-        let mut whole = Assembled::new(&entries)?;
+        let mut whole = Assembled::new(&entries, header.form.precision())?;
         for part in &mut parts {
             whole.place(part)?;
-            (part.indices, part.data) = (Vec::new(), Vec::new());
+            part.indices = Vec::new();
+            part.data = FactorVec::new(header.form.precision());
         }
         let memory = Memory {
             whole: Python::attach(|py| whole.into_arrays(py)),
@@ -529,7 +575,10 @@ impl Matrix {
                 let columns = row.indices.into_iter().map(u32::cast_signed).collect();
                 Ok(Some((
                     PyArray1::<i32>::from_vec(py, columns).into_any(),
-                    PyArray1::from_vec(py, row.data).into_any(),
+                    match row.data {
+                        FactorVec::Single(data) => PyArray1::from_vec(py, data).into_any(),
+                        FactorVec::Double(data) => PyArray1::from_vec(py, data).into_any(),
+                    },
                 )))
             }
         }
@@ -750,7 +799,7 @@ impl Matrix {
         let whole = py.detach(|| -> PyResult<Assembled> {
             let patches = (0..store.patch_count()).map(InputPatch);
             let entries = patches.map(|patch| Ok(stored(store.entries_of_row(patch))?.unwrap_or(0)));
-            let mut whole = Assembled::new(&entries.collect::<PyResult<Vec<u64>>>()?)?;
+            let mut whole = Assembled::new(&entries.collect::<PyResult<Vec<u64>>>()?, store.manifest().form.precision())?;
             for place in 0..store.manifest().parts.len() {
                 if let Some(part) = stored(store.part(place))? {
                     whole.place(&part)?;

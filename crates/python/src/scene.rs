@@ -1,5 +1,6 @@
 //! Scenes: triangles from arrays or a file, cut into patches and made ready for hemicubes.
 
+use crate::keywords::keywords;
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use glam::DVec3;
@@ -73,7 +74,7 @@ pub(crate) fn axis(name: &str) -> PyResult<Axis> {
 }
 
 pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
-    let text = CString::new(message.replace('\0', " ")).map_err(|error| errors::input(error.to_string()))?;
+    let text = CString::new(keywords(message).replace('\0', " ")).map_err(|error| errors::input(error.to_string()))?;
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
@@ -228,7 +229,7 @@ impl Scene {
         patch_size: Option<f64>,
         keep_duplicates: bool,
     ) -> PyResult<Self> {
-        let keywords = Keywords {
+        let given = Keywords {
             up,
             flip,
             subdivide,
@@ -236,7 +237,7 @@ impl Scene {
             patch_size,
             keep_duplicates,
         };
-        let settings = keywords.settings()?;
+        let settings = given.settings()?;
         let vertices = numbers::points(vertices, "vertices")?;
         let triangles = numbers::triples(triangles, "triangles")?;
         let count = triangles.len();
@@ -302,11 +303,12 @@ impl Scene {
     #[doc = hemicube_scene::scene_formats!()]
     ///
     /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), by
-    /// default (None) as the file says; `up` is for files that do not say, or are wrong. The rest is as for arrays.
+    /// default (None) as the file says; `up` is for files that do not say, or are wrong. `allow_large` reads files that
+    /// become far more triangles than their size explains. The rest is as for arrays.
     #[classmethod]
     #[pyo3(signature = (
         path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None,
-        keep_duplicates=false
+        keep_duplicates=false, allow_large=false
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn load(
@@ -321,8 +323,9 @@ impl Scene {
         split: Option<u32>,
         patch_size: Option<f64>,
         keep_duplicates: bool,
+        allow_large: bool,
     ) -> PyResult<Self> {
-        let keywords = Keywords {
+        let given = Keywords {
             up,
             flip,
             subdivide,
@@ -330,12 +333,20 @@ impl Scene {
             patch_size,
             keep_duplicates,
         };
-        let settings = keywords.settings()?;
+        let settings = given.settings()?;
         if !(scale > 0.0 && scale.is_finite()) {
             return Err(errors::input(format!("`scale` is {scale}; a number above 0 is needed")));
         }
         let scene = py
-            .detach(|| hemicube_scene::load(&path, ReadOptions::default()))
+            .detach(|| {
+                hemicube_scene::load(
+                    &path,
+                    ReadOptions {
+                        allow_large,
+                        ..ReadOptions::default()
+                    },
+                )
+            })
             .map_err(|error| errors::scene(&error))?;
         let settings = SceneSettings {
             scale,

@@ -75,9 +75,9 @@ fn face_factors(correction: Correction, resolution: u32, samples_per_edge: u32) 
         for (row, &i) in part.rows.iter().enumerate() {
             let (columns, data) = part.row(row);
             let mut sum = 0.0;
-            for (&j, &f) in columns.iter().zip(data) {
-                factors[face(i)][face(j.cast_unsigned())] += f64::from(f) * model.patches().area(InputPatch(i));
-                sum += f64::from(f);
+            for (&j, f) in columns.iter().zip(data) {
+                factors[face(i)][face(j.cast_unsigned())] += f * model.patches().area(InputPatch(i));
+                sum += f;
             }
             worst = worst.max((sum - 1.0).abs());
         }

@@ -5,13 +5,14 @@ use crate::exit::Exit;
 use crate::help::examples;
 use crate::outputs::Paths;
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent};
+use crate::level::percentage;
+use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent, small_percent};
 use anyhow::Result;
 use clap::Args;
 use hemicube::analysis::balance::BalanceEntry;
 use hemicube::analysis::check::verdict::{Doubt, State, Subject, Verdict};
 use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
-use hemicube::store::Store;
+use hemicube::store::{Form, Store};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -134,6 +135,14 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
             ),
         );
     }
+    if found.form == Form::Double {
+        list.add("form", "double: form factors in f64");
+    }
+    if let (Some(asked), Some(expected)) = (found.tolerance, found.expected_error)
+        && (expected > asked || asked < FINE)
+    {
+        list.add("error", error_against(expected, asked));
+    }
     if manifest.min_factor > 0.0 {
         let entries = manifest.thinning.map_or_else(String::new, |thinning| {
             format!(
@@ -200,8 +209,16 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
     list
 }
 
-/// A verdict in words.
-pub(super) struct Sentence {
+/// Tolerance below which the expected error is always said.
+const FINE: f64 = 1e-5;
+
+/// An expected error against the tolerance asked for.
+pub(super) fn error_against(expected: f64, asked: f64) -> String {
+    let verdict = if expected > asked { ": not reached" } else { "" };
+    format!("{} expected, {} asked{verdict}", small_percent(expected), percentage(asked))
+}
+
+/// A verdict in words. {
     pub(super) subject: &'static str,
     pub(super) state: State,
     pub(super) what: String,

@@ -13,7 +13,7 @@ use crate::prepare::{Prepared, RepairCounts, prepare};
 use crate::progress::{self, Bar, Status};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
-    figures, percent, size,
+    figures, percent, size, small_percent,
 };
 use crate::shell::word;
 use crate::verify::{Verification, Verify};
@@ -78,6 +78,9 @@ struct Report {
     /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected_error: Option<f64>,
+    /// Asked for.
+    #[serde(skip)]
+    tolerance: Option<f64>,
     /// Effect of leaving out small form factors, where that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     thinning: Option<Thinning>,
@@ -228,14 +231,14 @@ impl Tally {
         self.rays += part.rays.iter().map(|&rays| u64::from(rays)).sum::<u64>();
         let estimated = part.errors.iter().filter(|error| !error.is_nan());
         self.squared_error += estimated.map(|&error| f64::from(error).powi(2)).sum::<f64>();
-        self.squared_norm += part.data.iter().map(|&factor| f64::from(factor).powi(2)).sum::<f64>();
+        self.squared_norm += part.data.iter().map(|factor| factor.powi(2)).sum::<f64>();
         for (row, (shares, &hemicubes)) in part.shares.iter().zip(&part.hemicubes).enumerate() {
             if hemicubes == 0 {
                 continue;
             }
             let lost = shares.to_array();
             // From 0: the sum of no numbers is −0, an odd sight in a report.
-            let sum = part.row(row).1.iter().fold(0.0, |sum, &factor| sum + f64::from(factor));
+            let sum = part.row(row).1.iter().fold(0.0, |sum, factor| sum + factor);
             self.rendered += 1;
             self.effort.add(hemicubes, part.rays.get(row).copied().unwrap_or(0));
             self.sum += sum;
@@ -1013,6 +1016,7 @@ fn report_of(
         rows_mostly_blocked: tally.mostly_blocked,
         closure: tally.closure,
         expected_error: tally.expected_error(),
+        tolerance: finished.plan.correction.tolerance(),
         thinning: manifest.thinning,
         rays: tally.rays,
         corrected: summary.corrected,
@@ -1057,6 +1061,7 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
             ", compact: form factors within {} of themselves",
             percent(report.value_error)
         ),
+        Form::Double => ", double: form factors in f64".to_owned(),
     };
     list.add(
         "matrix",
@@ -1130,11 +1135,13 @@ fn list_rows(report: &Report, list: &mut Listing) {
         );
     }
     if let Some(error) = report.expected_error {
+        let asked = report.tolerance.filter(|&asked| error > asked);
         list.add(
             "error",
             format!(
-                "{} expected, by {} rays a row (`--verify ROWS` measures it)",
-                percent(error),
+                "{} expected{}, by {} rays a row (`--verify ROWS` measures it)",
+                small_percent(error),
+                asked.map_or_else(String::new, |asked| format!(", more than the {} asked for", level::percentage(asked))),
                 figures(report.rays as f64 / report.rows.max(1) as f64)
             ),
         );

@@ -8,6 +8,7 @@ mod report;
 mod text;
 
 use crate::args::{ConfigFiles, RenderSettings as RenderArguments, Report as ReportArguments, SceneSettings, Talk};
+use crate::clock::processor_seconds;
 use crate::exit::Exit;
 use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
@@ -69,7 +70,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render, arguments.render.work())?;
-    let reading = peak_memory_bytes();
+    let (reading, preparing) = (peak_memory_bytes(), processor_seconds());
     let mut surveyed = survey(&prepared.scene, &prepared.scene.repaired);
     if arguments.patches.up.is_some() {
         "`--up` says so".clone_into(&mut surveyed.up_reason);
@@ -89,7 +90,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         arguments.render.resolution,
         arguments.seed,
     )?;
-    let mut forecast = forecast(&prepared.model, &arguments.render, arguments.seed, backend.as_mut())?;
+    let mut forecast = forecast(&prepared.model, &arguments.render, arguments.seed, preparing, backend.as_mut())?;
     // In vast scenes, reading and cutting them takes more than the rows do.
     forecast.memory_bytes = forecast.memory_bytes.max(reading);
     if arguments.report.no_timings {

@@ -32,6 +32,7 @@ use anyhow::{Context, Result, bail};
 use blocks::Blocks;
 use clap::Args;
 use columns::{Columns, columns};
+use hemicube::Grouping;
 use hemicube::analysis::check::verdict::Verdicts;
 use hemicube::analysis::check::{CheckOptions, CheckReport, check};
 use hemicube::store::{PatchTable, Store};
@@ -132,8 +133,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
-    let instead = "`hemicube export` with `--scene` writes it as .vtp or .glb, and `hemicube view model` draws it";
-    stored::require_triangles(&store, "the page shows triangles and their rows", instead)?;
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
     let up = prepared.up(arguments.up)?;
     prepared.tell_up(arguments.up, talk);
@@ -150,6 +149,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let mut blocks = Blocks::default();
     let bounds = geometry::write(&prepared, &mut blocks);
     add_blocks(&mut blocks, &table, &columns);
+    if let Some(grouping) = &prepared.grouping {
+        blocks.array("patch-of", grouping.patches());
+    }
     let packed = rows.packer.finish(&mut blocks);
     let page = page::Page {
         store: &store,
@@ -160,6 +162,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         bounds,
         up,
         packed,
+        elements: prepared.grouping.as_ref().map(Grouping::elements),
     };
     let text = page.html(&blocks)?;
     write(&arguments.output, &text)?;

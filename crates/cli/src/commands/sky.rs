@@ -14,7 +14,6 @@ use crate::table;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use glam::DVec3;
-use hemicube::InputPatch;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
 use hemicube::driver::room::Work;
@@ -22,10 +21,11 @@ use hemicube::portal::Specular;
 use hemicube::portal::specular::SpecularRecord;
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
-    Glazed, Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
-    sky_through_portals, sunlight, write_points, write_sky, write_sunlight,
+    Glazed, Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along, rows_of_points,
+    sky_of_groups, sky_of_patches, sky_through_portals, sunlight, write_points, write_sky, write_sunlight,
 };
 use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
+use hemicube::{Grouping, InputPatch};
 use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
 use serde::Serialize;
 use std::io::Write;
@@ -295,16 +295,17 @@ fn tell_of_points(arguments: &Arguments, points: usize, misplaced: &[Misplaced],
 }
 
 /// The matrix's hemicubes: how many of each patch, n with n² of them, the escaped weight, the weight on backs, and the
-/// refined escaped share.
+/// refined shares of both.
 struct OfMatrix {
     hemicubes: Vec<u32>,
+    /// By element: n of n² hemicubes.
     samples: Vec<u32>,
     blocked: Vec<u64>,
     escaped: Vec<Option<u64>>,
     shares: Vec<Option<f64>>,
 }
 
-fn of_matrix(store: &Store) -> Result<OfMatrix> {
+fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
     let count = store.patch_count() as usize;
     let mut found = OfMatrix {
         hemicubes: vec![0; count],
@@ -322,7 +323,33 @@ fn of_matrix(store: &Store) -> Result<OfMatrix> {
             found.blocked[patch as usize] = sums.blocked;
             found.escaped[patch as usize] = (hemicubes > 0).then_some(sums.escaped);
             found.shares[patch as usize] = (hemicubes > 0).then_some(shares.escaped);
+            if prepared.grouping.is_some() {
+                // Sums of weights are of elements alike; rows are of elements by their areas.
+                let whole = f64::from(hemicubes) * f64::from(WHOLE);
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a share of a whole"
+                )]
+                let weight = (shares.blocked * whole) as u64;
+                found.blocked[patch as usize] = weight;
+            }
         }
+    }
+    // Rows of patches keep no hemicubes of each element, but those follow from the scene.
+    if prepared.grouping.is_some() {
+        let settings = &store.manifest().settings;
+        let samples = settings["samples"].as_u64().map_or(1, |samples| samples.isqrt());
+        let least = u32::try_from(samples).unwrap_or(1).max(1);
+        let is_pixel = settings["correction"] == "pixel";
+        let of = |element| {
+            if is_pixel {
+                least
+            } else {
+                hemicubes_along(&prepared.model, element, least)
+            }
+        };
+        found.samples = prepared.patches.iter().map(of).collect();
     }
     Ok(found)
 }
@@ -349,7 +376,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);
     let specular = specular(arguments, &prepared, store.as_ref())?;
-    let matrix = store.as_ref().map(of_matrix).transpose()?;
+    let matrix = store.as_ref().map(|store| of_matrix(store, &prepared)).transpose()?;
     let task = Task {
         arguments,
         prepared: &prepared,
@@ -434,8 +461,6 @@ fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
     let Some(path) = &arguments.store else { return Ok(None) };
     report::require_matrix(path)?;
     let store = Store::open(path)?;
-    let instead = "`hemicube sky SCENE --output DIR` computes those of its triangles";
-    stored::require_triangles(&store, "sky rows are computed of triangles", instead)?;
     Ok(Some(store))
 }
 
@@ -523,7 +548,14 @@ impl Task<'_> {
         cancel: &AtomicBool,
         talk: Talk,
     ) -> Result<Option<Vec<SkyRow>>> {
-        let closed: Vec<Option<SkyRow>> = self.prepared.patches.iter().map(|patch| self.closed(patch)).collect();
+        let grouping = self.prepared.grouping.as_ref();
+        let patch_of = |element| grouping.map_or(element, |grouping| grouping.patch_of(element));
+        let closed = self
+            .prepared
+            .patches
+            .iter()
+            .map(|element| self.closed(patch_of(element)));
+        let closed: Vec<Option<SkyRow>> = closed.collect();
         let open = self
             .prepared
             .patches
@@ -561,6 +593,14 @@ impl Task<'_> {
         let mut found = found.into_iter();
         let rows = closed.into_iter().map(|row| row.or_else(|| found.next()));
         let mut found: Vec<SkyRow> = rows.collect::<Option<_>>().context("a row of the sky is missing")?;
+        if let Some(grouping) = &self.prepared.grouping {
+            found = sky_of_groups(&found, grouping, &self.areas());
+            for (patch, row) in (0..).zip(&mut found) {
+                if let Some(closed) = self.closed(InputPatch(patch)) {
+                    *row = closed;
+                }
+            }
+        }
         if let Some(matrix) = &self.matrix {
             for (row, share) in found.iter_mut().zip(&matrix.shares) {
                 share.map(|share| row.refine(share));
@@ -576,6 +616,12 @@ impl Task<'_> {
             horizon: self.horizon,
             specular,
         })
+    }
+
+    /// Areas of the elements.
+    fn areas(&self) -> Vec<f64> {
+        let patches = &self.prepared.patches;
+        patches.iter().map(|element| patches.area(element)).collect()
     }
 
     /// The row of a patch without any escaped weight in the matrix's hemicubes, if its row is to be of these.
@@ -620,6 +666,10 @@ impl Task<'_> {
             let light = sunlight(model, &patches, &self.suns, glazed, SUN_POINTS, threads);
             write_sunlight(&output.join("sunlight.npy"), [patches.len(), self.suns.len()], &light)?;
         }
+        let lit = lit.map(|lit| match &self.prepared.grouping {
+            Some(grouping) => lit_patches(&lit, self.suns.len(), grouping, &self.areas()),
+            None => lit,
+        });
         write_sky(
             &output.join("sky.npz"),
             self.division.columns(),
@@ -635,7 +685,7 @@ impl Task<'_> {
     /// Writes a line a patch.
     fn write_table(&self, path: &Path, rows: &[SkyRow], cancel: &AtomicBool) -> Result<()> {
         let (scene, patches) = (&self.prepared.scene, &self.prepared.patches);
-        let table = PatchTable::new(scene, patches);
+        let table = PatchTable::of(scene, patches, self.prepared.grouping.as_ref());
         let name = self.arguments.scene.file_name().unwrap_or_default().to_string_lossy();
         let materials: Vec<String> = scene.materials.iter().map(|material| material.name.clone()).collect();
         let mut results = PatchResults::of_table(table, [&scene.objects, &materials], &name);
@@ -674,8 +724,16 @@ impl Task<'_> {
             &sky,
             lit.as_deref().map(|lit| (self.suns.len(), lit)),
         )?;
-        let patch_count = u32::try_from(self.prepared.patches.len()).context("too many patches")?;
-        Ok(write_points(&output.join("points.npz"), patch_count, found)?)
+        let path = output.join("points.npz");
+        let count = |len: usize| u32::try_from(len).context("too many patches");
+        match &self.prepared.grouping {
+            Some(grouping) => Ok(write_points(
+                &path,
+                count(grouping.len())?,
+                &of_patches(found, grouping),
+            )?),
+            None => Ok(write_points(&path, count(self.prepared.patches.len())?, found)?),
+        }
     }
 
     /// The record of the run: settings, and averages by area over the patches.
@@ -717,13 +775,18 @@ impl Task<'_> {
                 .map(|(at, _)| at)
                 .collect(),
             points_not_in_the_open: misplaced,
-            rows_as_in_matrix: self.matrix.as_ref().map(|matrix| {
-                let same = rows
-                    .iter()
-                    .zip(&matrix.escaped)
-                    .filter(|(row, escaped)| Some(row.escaped) == **escaped);
-                same.count() as u64
-            }),
+            // Weights of several triangles are means by area, and the matrix's are sums.
+            rows_as_in_matrix: self
+                .matrix
+                .as_ref()
+                .filter(|_| self.prepared.grouping.is_none())
+                .map(|matrix| {
+                    let same = rows
+                        .iter()
+                        .zip(&matrix.escaped)
+                        .filter(|(row, escaped)| Some(row.escaped) == **escaped);
+                    same.count() as u64
+                }),
             sky_view_factor: views.sky,
             ground: views.ground,
             unsettled,
@@ -736,12 +799,18 @@ impl Task<'_> {
     fn views(&self, rows: &[SkyRow]) -> Views {
         let (mut area, mut sky, mut ground) = (0.0, 0.0, 0.0);
         let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
-        for (patch, row) in self.prepared.patches.iter().zip(rows) {
+        let areas = match &self.prepared.grouping {
+            Some(grouping) => {
+                let table = PatchTable::grouped(&self.prepared.scene, &self.prepared.patches, grouping);
+                table.area
+            }
+            None => self.areas(),
+        };
+        for (own, row) in areas.into_iter().zip(rows) {
             let factor = row.sky_view_factor();
             if factor.is_nan() {
                 continue;
             }
-            let own = self.prepared.patches.area(patch);
             area += own;
             sky += own * factor;
             ground += own * (row.escaped_share() - factor);
@@ -769,6 +838,40 @@ struct Views {
     sky: Spread,
     /// The share of the ground below the horizon, averaged by area.
     ground: f64,
+}
+
+/// Rows of points over patches, from those over elements: weights add up.
+fn of_patches(rows: &[PointRow], grouping: &Grouping) -> Vec<PointRow> {
+    let of_row = |row: &PointRow| {
+        let mut weights = std::collections::BTreeMap::new();
+        for &(element, weight) in &row.patches {
+            *weights.entry(grouping.patch_of(element)).or_insert(0) += weight;
+        }
+        PointRow {
+            patches: weights.into_iter().collect(),
+            sky: row.sky.clone(),
+        }
+    };
+    rows.iter().map(of_row).collect()
+}
+
+/// The share of each patch lit by each of `suns`, from those of its elements, by area.
+fn lit_patches(lit: &[f32], suns: usize, grouping: &Grouping, areas: &[f64]) -> Vec<f32> {
+    let mut found = vec![0.0f32; grouping.len() * suns];
+    for sun in 0..suns {
+        let of_sun: Vec<f64> = lit
+            .iter()
+            .skip(sun)
+            .step_by(suns)
+            .map(|&share| f64::from(share))
+            .collect();
+        for (patch, mean) in grouping.means(&of_sun, areas).into_iter().enumerate() {
+            #[allow(clippy::cast_possible_truncation, reason = "shares are kept as f32")]
+            let mean = mean as f32;
+            found[patch * suns + sun] = mean;
+        }
+    }
+    found
 }
 
 fn write_record(output: &Path, record: &Record) -> Result<()> {

@@ -380,9 +380,9 @@ fn compute(bytes: &[u8], path: &Path, study: &Study, rows: &Rows, eps: f64) -> R
             let (columns, factors) = part.row(place);
             let Some(row) = row_of[patch as usize] else { continue };
             let area = patches.area(hemicube::InputPatch(patch));
-            for (&column, &factor) in columns.iter().zip(factors) {
+            for (&column, factor) in columns.iter().zip(factors) {
                 if let Some(column) = row_of[column as usize] {
-                    exchange.add(row, column, area * f64::from(factor));
+                    exchange.add(row, column, area * factor);
                 }
             }
         }

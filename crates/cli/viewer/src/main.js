@@ -36,7 +36,8 @@ let model;
 let selected = -1;
 let selectedRow = null;
 
-const objectOf = (patch) => head.objects[columns.object[patch]] ?? "";
+// A patch of several objects is by its material.
+const objectOf = (patch) => head.objects[columns.object[patch]] ?? head.materials[columns.material[patch]] ?? "";
 
 // ---- colours -------------------------------------------------------------------------------------------------------
 
@@ -212,7 +213,8 @@ function fail(error) {
 
 try {
   const canvas = $("view");
-  model = new Model(canvas, await array("corners", "u16"), await array("triangles", "u32"), head);
+  const patchOf = head.elements ? await array("patch-of", "u32") : null;
+  model = new Model(canvas, await array("corners", "u16"), await array("triangles", "u32"), head, patchOf);
   for (const { key, label } of head.fields) $("field").append(element("option", label, { value: key }));
   const resize = () => model.resize(canvas.clientWidth, canvas.clientHeight, Math.min(devicePixelRatio, 2));
   resize();

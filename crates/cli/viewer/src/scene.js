@@ -11,7 +11,7 @@ const TEXTURE_WIDTH = 2048;
 /** Milliseconds between two pictures from which on turning stutters. */
 const PATIENCE = 50;
 
-// Three corners a patch and no index, so that the corner's number says which patch it is of.
+// Three corners a triangle and no index, so that the corner's number says which triangle it is of.
 const VERTEX = `
 precision highp float;
 precision highp int;
@@ -77,11 +77,13 @@ export class Model {
   /**
    * @param canvas where it is drawn
    * @param corners Uint16Array, three a vertex, 0 to 65535 from `low` to `high`
-   * @param triangles Uint32Array, three vertices a patch
+   * @param triangles Uint32Array, three vertices each
    * @param head `low`, `high`, `up` of the scene
+   * @param patchOf Uint32Array, the patch of each triangle; null where each is its own
    */
-  constructor(canvas, corners, triangles, head) {
+  constructor(canvas, corners, triangles, head, patchOf = null) {
     this.canvas = canvas;
+    this.patchOf = patchOf;
     this.count = triangles.length / 3;
     this.corners = corners;
     const software = isSoftware();
@@ -156,12 +158,33 @@ export class Model {
     this.look(aside.add(this.camera.up).normalize());
   }
 
-  /** Centres a patch where it is seen from its front: from where the camera is, from straight ahead, nearer and nearer. */
-  async goTo(patch) {
-    const [a, b, c] = [0, 1, 2].map((k) => {
-      const place = 4 * (3 * patch + k);
+  /** The corners of a triangle, where they are shown. */
+  cornersOf(triangle) {
+    return [0, 1, 2].map((k) => {
+      const place = 4 * (3 * triangle + k);
       return new Vector3(...this.positions.subarray(place, place + 3)).divideScalar(65535).applyMatrix4(this.mesh.matrix);
     });
+  }
+
+  /** The triangle that stands for a patch: its largest. */
+  triangleOf(patch) {
+    if (!this.patchOf) return patch;
+    if (!this.largest) {
+      this.largest = [];
+      const most = [];
+      for (let triangle = 0; triangle < this.count; triangle++) {
+        const [a, b, c] = this.cornersOf(triangle);
+        const area = b.sub(a).cross(c.sub(a)).length();
+        const own = this.patchOf[triangle];
+        if (!(area <= most[own])) [this.largest[own], most[own]] = [triangle, area];
+      }
+    }
+    return this.largest[patch];
+  }
+
+  /** Centres a patch where it is seen from its front: from where the camera is, from straight ahead, nearer and nearer. */
+  async goTo(patch) {
+    const [a, b, c] = this.cornersOf(this.triangleOf(patch));
     const middle = a.clone().add(b).add(c).divideScalar(3);
     const normal = b.clone().sub(a).cross(c.clone().sub(a)).normalize();
     const size = Math.max(a.distanceTo(b), b.distanceTo(c), c.distanceTo(a));
@@ -256,7 +279,12 @@ export class Model {
 
   /** Gives each patch the colour that `of(patch)` says: three numbers from 0 to 255. */
   paint(of) {
-    for (let patch = 0; patch < this.count; patch++) this.texels.set(of(patch), 4 * patch);
+    const colors = this.patchOf && new Map();
+    for (let triangle = 0; triangle < this.count; triangle++) {
+      const patch = this.patchOf ? this.patchOf[triangle] : triangle;
+      if (colors && !colors.has(patch)) colors.set(patch, of(patch));
+      this.texels.set(colors ? colors.get(patch) : of(patch), 4 * triangle);
+    }
     this.texture.needsUpdate = true;
     this.draw();
   }
@@ -280,13 +308,15 @@ export class Model {
     this.mesh.material = this.shown;
     this.camera.clearViewOffset();
     const found = await read;
-    return found[0] + 256 * found[1] + 65536 * found[2] + 16777216 * found[3] - 1;
+    const triangle = found[0] + 256 * found[1] + 65536 * found[2] + 16777216 * found[3] - 1;
+    return this.patchOf ? (this.patchOf[triangle] ?? -1) : triangle;
   }
 
   /** Where on the canvas, in CSS pixels, the middle of a patch is. */
   placeOf(patch) {
     const middle = new Vector3();
-    for (let k = 3 * patch; k < 3 * patch + 3; k++) {
+    const triangle = this.triangleOf(patch);
+    for (let k = 3 * triangle; k < 3 * triangle + 3; k++) {
       middle.add(new Vector3(...this.positions.subarray(4 * k, 4 * k + 3)));
     }
     middle.divideScalar(3 * 65535).applyMatrix4(this.mesh.matrix).project(this.camera);

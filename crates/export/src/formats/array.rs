@@ -4,7 +4,7 @@ use super::{Forecast, MatrixWriter};
 use crate::matrix::Export;
 use crate::write::Cancellable;
 use crate::{Error, Result};
-use hemicube::store::{self, ElementType, NpzWriter};
+use hemicube::store::{self, ElementType, FactorSlice, NpzWriter};
 use std::io::{self, Write};
 
 /// Rows of `indptr` written at a time.
@@ -20,7 +20,7 @@ impl MatrixWriter for Npz {
         Ok(Some(Forecast::exact(NpzWriter::<io::Cursor<Vec<u8>>>::size(&[
             member("format", 3, 1),
             member("shape", 2, 8),
-            member("data", entries, 4),
+            member("data", entries, export.precision().size() as u64),
             member("indices", entries, 4),
             member("indptr", count + 1, 8),
         ]))))
@@ -33,9 +33,14 @@ impl MatrixWriter for Npz {
         let mut npz = NpzWriter::new(file);
         npz.csr_preamble(count, export.column_count().into())
             .map_err(on_write)?;
-        npz.begin("data", ElementType::F32, &[entries]).map_err(on_write)?;
+        npz.begin("data", export.precision().element(), &[entries])
+            .map_err(on_write)?;
         for row in export.rows()? {
-            npz.push(&row?.1.data).map_err(on_write)?;
+            match row?.1.data.as_slice() {
+                FactorSlice::Single(factors) => npz.push(factors),
+                FactorSlice::Double(factors) => npz.push(factors),
+            }
+            .map_err(on_write)?;
         }
         npz.begin("indices", ElementType::I32, &[entries]).map_err(on_write)?;
         let mut columns: Vec<i32> = Vec::new();
@@ -72,22 +77,27 @@ pub(super) struct Npy;
 impl MatrixWriter for Npy {
     fn forecast(&self, export: &Export<'_>) -> Result<Option<Forecast>> {
         let (rows, columns) = (u64::from(export.row_count()), u64::from(export.column_count()));
-        let header = ElementType::F32.npy_header(&[rows, columns]).len() as u64;
-        Ok(Some(Forecast::exact(header + 4 * rows * columns)))
+        let precision = export.precision();
+        let header = precision.element().npy_header(&[rows, columns]).len() as u64;
+        Ok(Some(Forecast::exact(header + precision.size() as u64 * rows * columns)))
     }
 
     fn write<'a>(&self, export: &Export<'_>, mut file: Cancellable<'a>) -> Result<Cancellable<'a>> {
         let on_write = |error| export.on_write(error);
         let (rows, columns) = (export.row_count(), export.column_count());
-        file.write_all(&ElementType::F32.npy_header(&[rows.into(), columns.into()]))
+        let precision = export.precision();
+        file.write_all(&precision.element().npy_header(&[rows.into(), columns.into()]))
             .map_err(on_write)?;
-        let mut bytes = vec![0; 4 * columns as usize];
+        let size = precision.size();
+        let (mut bytes, mut number) = (vec![0; size * columns as usize], Vec::with_capacity(size));
         for patch in export.patches() {
             bytes.fill(0);
             if let Some(row) = export.row(patch)? {
                 for (&column, factor) in row.indices.iter().zip(&row.data) {
-                    let place = 4 * column as usize;
-                    bytes[place..place + 4].copy_from_slice(&factor.to_le_bytes());
+                    let place = size * column as usize;
+                    number.clear();
+                    precision.put(factor, &mut number);
+                    bytes[place..place + size].copy_from_slice(&number);
                 }
             }
             file.write_all(&bytes).map_err(on_write)?;

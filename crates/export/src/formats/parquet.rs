@@ -1,6 +1,6 @@
 //! The matrix as Apache Parquet: a table of triplets for DuckDB, pyarrow, Polars, Spark.
 //!
-//! Columns `row`, `col` (INT32, from 0) and `value` (FLOAT), sorted by row and column; F\[row, col\] is from `row` to
+//! Columns `row`, `col` (INT32, from 0) and `value` (FLOAT; DOUBLE of a double store), sorted by row and column; F\[row, col\] is from `row` to
 //! `col`. `row` and `col` are packed differences, hardly more than a byte an entry. `value` is plain; the repeating
 //! values of a compact store get a dictionary. No further compression: form factors are noise to a compressor.
 //! Uncomputed rows and rows without entries have no triplets, so the size of the matrix is metadata: `patch_count`.
@@ -9,9 +9,9 @@ use super::{Forecast, MatrixWriter};
 use crate::Result;
 use crate::matrix::Export;
 use crate::write::{Cancellable, on_write};
-use hemicube::store::Form;
+use hemicube::store::{FactorSlice, FactorVec, Form, Precision};
 use parquet::basic::Encoding;
-use parquet::data_type::{DataType, FloatType, Int32Type};
+use parquet::data_type::{DataType, DoubleType, FloatType, Int32Type};
 use parquet::errors::{ParquetError, Result as ParquetResult};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -24,13 +24,20 @@ use std::sync::Arc;
 /// Entries of a row group, some 12 MB in memory; a reader takes a group at once.
 const GROUP: usize = 1 << 20;
 
-const SCHEMA: &str = "message form_factors { required int32 row; required int32 col; required float value; }";
+/// The schema, with the type of `value`.
+fn schema(precision: Precision) -> String {
+    let value = match precision {
+        Precision::Single => "float",
+        Precision::Double => "double",
+    };
+    format!("message form_factors {{ required int32 row; required int32 col; required {value} value; }}")
+}
 
 #[derive(Default)]
 struct Triplets {
     rows: Vec<i32>,
     columns: Vec<i32>,
-    values: Vec<f32>,
+    values: FactorVec,
 }
 
 impl Triplets {
@@ -38,7 +45,10 @@ impl Triplets {
         let mut group = writer.next_row_group()?;
         column::<Int32Type, _>(&mut group, &self.rows)?;
         column::<Int32Type, _>(&mut group, &self.columns)?;
-        column::<FloatType, _>(&mut group, &self.values)?;
+        match self.values.as_slice() {
+            FactorSlice::Single(values) => column::<FloatType, _>(&mut group, values)?,
+            FactorSlice::Double(values) => column::<DoubleType, _>(&mut group, values)?,
+        }
         group.close()?;
         self.rows.clear();
         self.columns.clear();
@@ -91,12 +101,15 @@ impl MatrixWriter for Parquet {
         if manifest.form == Form::Compact {
             properties = properties.set_column_dictionary_enabled(ColumnPath::from("value"), true);
         }
-        let schema = Arc::new(parse_message_type(SCHEMA).map_err(on_parquet)?);
+        let schema = Arc::new(parse_message_type(&schema(export.precision())).map_err(on_parquet)?);
         let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties.build())).map_err(on_parquet)?;
-        let mut triplets = Triplets::default();
+        let mut triplets = Triplets {
+            values: FactorVec::new(export.precision()),
+            ..Triplets::default()
+        };
         for row in export.rows()? {
             let (patch, row) = row?;
-            for (&column, &value) in row.indices.iter().zip(&row.data) {
+            for (&column, value) in row.indices.iter().zip(&row.data) {
                 triplets.rows.push(patch.0.cast_signed());
                 triplets.columns.push(column.cast_signed());
                 triplets.values.push(value);

@@ -1,11 +1,11 @@
 //! The matrix as text: Matrix Market and MATLAB's triplets. Values have the fewest digits that read back to the same
-//! f32.
+//! f32, of a double store f64.
 
 use super::{Forecast, MatrixWriter};
 use crate::Result;
 use crate::matrix::Export;
 use crate::write::Cancellable;
-use hemicube::store::{F32_COMMENT, Row};
+use hemicube::store::{F32_COMMENT, Precision, Row};
 use hemicube_scene::InputPatch;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -14,7 +14,8 @@ use std::io::Write as _;
 fn push_lines(text: &mut String, patch: InputPatch, row: &Row) {
     for (&column, factor) in row.indices.iter().zip(&row.data) {
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{} {} {factor:e}", u64::from(patch.0) + 1, u64::from(column) + 1);
+        let factor = row.data.precision().digits(factor);
+        let _ = writeln!(text, "{} {} {factor}", u64::from(patch.0) + 1, u64::from(column) + 1);
     }
 }
 
@@ -27,13 +28,17 @@ fn market_header(export: &Export<'_>, entries: u64) -> String {
         ),
         None => String::new(),
     };
+    let width = match export.precision() {
+        Precision::Single => format!("{F32_COMMENT}\n"),
+        Precision::Double => String::new(),
+    };
     format!(
         "%%MatrixMarket matrix coordinate real general\n\
          % form factors (view factors): F[i,j] is from i to j, the fraction of what leaves patch i that reaches \
          patch j\n\
          % rows and columns are patches in the order of the scene's file, from 1; a row that was not \
          computed is empty\n\
-         {sky}{F32_COMMENT}\n\
+         {sky}{width}\
          {rows} {columns} {entries}\n"
     )
 }

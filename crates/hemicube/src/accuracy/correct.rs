@@ -44,12 +44,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// #     let (plan, mut parts) = (room::plan(&model, correction), Vec::<Part>::new());
 /// #     let backend = Box::new(CpuBackend::new());
 /// #     compute(&model, &plan, room::RENDER, backend, Execution::default(), &mut parts, &mut |_| {})?;
-/// #     let row_of = |part: &Part, row: usize| (part.rows[row], part.row(row).1.to_vec());
+/// #     let row_of = |part: &Part, row: usize| (part.rows[row], part.row(row).1.iter().sum::<f64>());
 /// #     let rows_of = |part: &Part| (0..part.rows.len()).map(|row| row_of(part, row)).collect();
 /// #     let rows = parts.iter().flat_map::<Vec<_>, _>(rows_of);
-/// #     let of = |(patch, factors): (u32, Vec<f32>)| {
-/// #         model.patches().area(InputPatch(patch)) * factors.iter().map(|&f| f64::from(f)).sum::<f64>()
-/// #     };
+/// #     let of = |(patch, sum): (u32, f64)| model.patches().area(InputPatch(patch)) * sum;
 /// #     Ok(0.5 * rows.map(of).sum::<f64>())
 /// # };
 ///
@@ -108,6 +106,14 @@ impl Correction {
     /// Returns whether rows must carry covered weights.
     pub fn needs_covered(&self) -> bool {
         !matches!(self, Self::Pixel)
+    }
+
+    /// The relative Frobenius error asked of the rows, where one is.
+    pub fn tolerance(&self) -> Option<f64> {
+        match self {
+            Self::Tolerance(refinement) => Some(refinement.tolerance),
+            _ => None,
+        }
     }
 
     /// Permitted error of a row's sum.
@@ -357,7 +363,7 @@ impl<'c> Converter<'c> {
             }
             Correction::Tolerance(_) => self.tolerance(&weights, attempt, &mut balance, part),
         };
-        let factors = sum(&part.data[start..]);
+        let factors = part.data.tail(start).sum();
         let is_odd = corrected
             .is_inconsistent
             .unwrap_or_else(|| weights.is_inconsistent_with(factors));
@@ -722,25 +728,9 @@ pub(crate) fn fraction(visible: u32, covered: u32) -> f64 {
     if fraction >= ALL_VISIBLE { 1.0 } else { fraction }
 }
 
-/// Adds values in eight sums, so that none waits for the one before.
-fn sum(values: &[f32]) -> f64 {
-    let mut sums = [0.0; 8];
-    let chunks = values.chunks_exact(sums.len());
-    let rest: f64 = chunks.remainder().iter().map(|&value| f64::from(value)).sum();
-    for chunk in chunks {
-        for (sum, &value) in sums.iter_mut().zip(chunk) {
-            *sum += f64::from(value);
-        }
-    }
-    sums.iter().sum::<f64>() + rest
-}
-
 fn push(part: &mut Part, patch: u32, value: f64) {
-    #[allow(clippy::cast_possible_truncation, reason = "rounding to the store's f32 is wanted")]
-    let value = value as f32;
-    if value > 0.0 {
+    if part.data.push_positive(value) {
         part.indices.push(patch.cast_signed());
-        part.data.push(value);
     }
 }
 

@@ -19,6 +19,7 @@
 //! and their number follow from quantities that are the same in both directions.
 
 mod large;
+mod prove;
 pub(crate) mod sums;
 
 use crate::Model;
@@ -66,6 +67,8 @@ pub struct Refinement {
     pub all: bool,
     /// True if each pair keeps the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
+    /// True if seen pairs that no ray measures are proved visible or occluded, where a shaft can.
+    pub proves: bool,
     /// True if much of what leaves the scene's patches meets nothing. Otherwise sums of rows are known, and a row whose
     /// sum is off by more than the tolerance is computed again, strictly.
     pub is_open: bool,
@@ -84,6 +87,7 @@ impl Refinement {
             estimate: 1.0,
             all: false,
             each: false,
+            proves: false,
             is_open: false,
         }
     }
@@ -420,6 +424,9 @@ impl<'c> Refiner<'c> {
         let mut refined = Refined::default();
         self.find_probes(emitter.patch);
         self.measure(emitter, limits, &mut refined);
+        if self.refinement.proves {
+            self.prove_seen(emitter, most_steps, &mut refined);
+        }
         refined.squared_error *= f64::from(self.refinement.estimate);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();

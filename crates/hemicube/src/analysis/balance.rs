@@ -52,9 +52,9 @@ mod symmetric;
 
 pub use crate::store::{BalanceEntry, BalanceSource, Residuals};
 
-use crate::store::closure::{narrow, share_of, target_of};
+use crate::store::closure::{share_of, target_of};
 use crate::store::small_entries::{MAX_SCALE, SmallEntryRule, sums};
-use crate::store::{Error, Form, Header, Manifest, Part, PatchTable, Result, Store, StoreWriter};
+use crate::store::{Error, FactorVec, Form, Header, Manifest, Part, PatchTable, Result, Store, StoreWriter};
 use exchange::{Exchange, Survey};
 use residual::{Tally, merge};
 use serde::Serialize;
@@ -280,13 +280,14 @@ fn balance_rows(
     let mut entry = new_entry(store, options)?;
     let (mut before, mut after) = (Tally::default(), Tally::default());
     let (mut mass, mut dropped) = (0.0, 0.0);
+    let precision = store.manifest().form.precision();
     let mut cuts = vec![SmallEntryRule::default(); areas.share.len()];
     for place in 0..store.manifest().parts.len() {
         let source = require_part(store, place)?;
         let mut part = Part {
             indptr: vec![0],
             indices: Vec::new(),
-            data: Vec::new(),
+            data: FactorVec::new(precision),
             thinning: None,
             ..source.clone()
         };
@@ -295,9 +296,9 @@ fn balance_rows(
             let (whole, kept) = sums(factors, options.min_factor);
             let cut = SmallEntryRule::new(whole, kept, options.min_factor, options.max_scale);
             let start = part.data.len();
-            for (&column, factor) in columns.iter().zip(factors).filter(|&(_, &factor)| cut.keeps(factor)) {
+            for (&column, factor) in columns.iter().zip(factors).filter(|&(_, factor)| cut.keeps(factor)) {
                 part.indices.push(column);
-                part.data.push(cut.of(*factor));
+                part.data.push(cut.of(factor));
             }
             part.indptr.push(length(part.data.len()));
             before.row(&source, row);
@@ -338,7 +339,8 @@ fn balance_rows(
                 }
                 let (forward, back) = (forward.unwrap_or(0.0), back.unwrap_or(0.0));
                 before.pair(areas, patch, column, forward, back);
-                after.pair(areas, patch, column, cut_of(patch).of(forward), cut_of(column).of(back));
+                let cut = |of: u32, factor| precision.round(cut_of(of).of(factor));
+                after.pair(areas, patch, column, cut(patch, forward), cut(column, back));
                 entry.pairs += u64::from(patch < column);
             }
         }
@@ -358,9 +360,10 @@ fn balance_pairs(
     let mut entry = new_entry(store, options)?;
     let directory = writer.directory().to_owned();
     let handed_on = store.row_table()?.handed_on;
-    let kept = |patch: &f64| 1.0 - patch;
-    let weights: Vec<f64> = handed_on.iter().map(kept).collect();
-    let mut symmetric = Symmetric::create(&directory, &survey.order, store.manifest().rows_per_part)?.keeping(weights);
+    let weights: Vec<f64> = handed_on.iter().map(|handed_on| 1.0 - handed_on).collect();
+    let precision = store.manifest().form.precision();
+    let symmetric = Symmetric::create(&directory, &survey.order, store.manifest().rows_per_part, precision)?;
+    let mut symmetric = symmetric.keeping(weights);
     let mut targets = vec![None; areas.share.len()];
     let mut before = Tally::default();
     {
@@ -385,10 +388,8 @@ fn balance_pairs(
                         entry.pairs += 1;
                         entry.pairs_one_sided += u64::from(seen != (true, true));
                     }
-                    symmetric.push(
-                        column,
-                        mean(areas, (patch, forward), (column, back), handed_on.is_empty()),
-                    );
+                    let pair = mean(areas, (patch, forward), (column, back), handed_on.is_empty());
+                    symmetric.push(column, precision.round(pair));
                 }
                 symmetric.end_row()?;
             }
@@ -428,7 +429,7 @@ fn balance_pairs(
         let mut part = Part {
             indptr: vec![0],
             indices: Vec::new(),
-            data: Vec::new(),
+            data: FactorVec::new(precision),
             thinning: None,
             ..source
         };
@@ -450,11 +451,11 @@ fn balance_pairs(
                 part.data.push(factor);
             }
             part.indptr.push(length(part.data.len()));
-            let start = usize::try_from(part.indptr[row]).unwrap_or(0);
+            let (columns, factors) = part.row(row);
+            let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);
+            let passed = columns.iter().zip(factors).map(|(&column, factor)| of(column) * factor).sum();
             if let Some(passage) = part.passages.get_mut(row) {
-                let entries = part.indices[start..].iter().zip(&part.data[start..]);
-                let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);
-                passage.passed = entries.map(|(&column, &factor)| of(column) * f64::from(factor)).sum();
+                passage.passed = passed;
             }
             let error = after.row(&part, row);
             if !scaling.unmatched.get(patch as usize).copied().unwrap_or(false) {
@@ -470,14 +471,14 @@ fn balance_pairs(
 
 /// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order. `is_bounded`: at most
 /// min(Aᵢ, Aⱼ), without mirrors.
-fn mean(areas: &Areas, one: (u32, f32), other: (u32, f32), is_bounded: bool) -> f32 {
+fn mean(areas: &Areas, one: (u32, f64), other: (u32, f64), is_bounded: bool) -> f64 {
     let ((i, forward), (j, backward)) = if one.0 <= other.0 { (one, other) } else { (other, one) };
     let of = |values: &[f64], patch: u32| values.get(patch as usize).copied().unwrap_or(1.0);
     let (area_i, area_j) = (of(&areas.share, i), of(&areas.share, j));
-    let exchange = area_i * area_j * (f64::from(forward) + f64::from(backward)) / (area_i + area_j);
+    let exchange = area_i * area_j * (forward + backward) / (area_i + area_j);
     // No more goes from one patch to another than leaves the smaller one.
     let most = if is_bounded { area_i.min(area_j) } else { f64::INFINITY };
-    narrow(exchange.min(most) / (of(&areas.root, i) * of(&areas.root, j)))
+    exchange.min(most) / (of(&areas.root, i) * of(&areas.root, j))
 }
 
 /// The entry before anything is done.
@@ -550,9 +551,11 @@ fn header(store: &Store, options: &BalanceOptions) -> Result<Header> {
         patch_count: manifest.patch_count,
         row_count: manifest.row_count,
         rows_per_part: manifest.rows_per_part,
-        // Plain, whatever the source's: sums and pairs that agree to seven digits would not survive 16-bit form
-        // factors.
-        form: Form::Plain,
+        // Plain for a compact source: sums and pairs that agree to seven digits would not survive 16-bit form factors.
+        form: match manifest.form {
+            Form::Plain | Form::Compact => Form::Plain,
+            Form::Double => Form::Double,
+        },
         min_factor: manifest.min_factor,
         backend: manifest.backend.clone(),
         objects: manifest.objects.clone(),
@@ -622,11 +625,11 @@ fn require_square(store: &Store) -> Result<()> {
 /// Refuses a result larger than the free disk even if every entry has its counterpart.
 fn require_room(store: &Store, output: &Path, options: &BalanceOptions) -> Result<()> {
     let existing = output.ancestors().find(|place| place.is_dir());
-    let entries = store.manifest().entries;
+    let (entries, precision) = (store.manifest().entries, store.manifest().form.precision());
     // The exchange goes before the result is written; of the result nothing is certain if entries are left out.
     let per_entry = match (options.is_symmetric(), options.min_factor > 0.0) {
-        (true, _) => exchange::RECORD + symmetric::RECORD,
-        (false, _) => exchange::RECORD,
+        (true, _) => exchange::record_size(precision) + symmetric::record_size(precision),
+        (false, _) => exchange::record_size(precision),
     };
     let wanted = entries.saturating_mul(per_entry as u64);
     let place = match existing {

@@ -25,7 +25,7 @@ pub mod verdict;
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{
-    Error, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums, Store,
+    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums, Store,
 };
 use hemicube_scene::InputPatch;
 use serde::Serialize;
@@ -194,6 +194,13 @@ pub struct CheckReport {
     pub form: Form,
     /// Relative rounding error of a form factor, by the form.
     pub value_error: f64,
+    /// The tolerance asked for, where one was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
+    /// Relative Frobenius error expected of the matrix, √(Σ e² / Σ F²) over the rows that estimate theirs, e; absent
+    /// without a tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_error: Option<f64>,
     /// Entries of a row, over the rows.
     pub entries_per_row: EntriesPerRow,
     /// Weights over all rows.
@@ -383,7 +390,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
 
 /// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
 fn of_row(part: &Part, row: usize) -> [f64; 9] {
-    let sum = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+    let sum = part.row(row).1.iter().sum();
     let [a, b, c] = part.shares[row].to_array();
     let [d, e, f] = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]).to_array();
     let passage = part.passages.get(row);
@@ -392,7 +399,7 @@ fn of_row(part: &Part, row: usize) -> [f64; 9] {
 }
 
 /// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
-const FLAT: f32 = 1e-3;
+const FLAT: f64 = 1e-3;
 
 #[derive(Debug)]
 struct Tally {
@@ -421,6 +428,8 @@ struct Tally {
     escaped_bound: Option<f64>,
     closure: Closure,
     closure_sum: f64,
+    /// Σ e² of the rows' expected errors, and Σ F².
+    squares: [f64; 2],
     quality: Quality,
     worst: Vec<WorstRow>,
 }
@@ -436,7 +445,7 @@ impl Tally {
             handed_on: None,
             cut_off: [0.0; 2],
             rounding: {
-                let once = f64::powi(2.0, -24);
+                let once = store.manifest().form.precision().rounding();
                 let shared = if store.manifest().min_factor > 0.0 { once } else { 0.0 };
                 (1.0 + once) * (1.0 + shared) * (1.0 + store.manifest().value_error) - 1.0
             },
@@ -460,6 +469,7 @@ impl Tally {
                 ..Closure::default()
             },
             closure_sum: 0.0,
+            squares: [0.0; 2],
             quality: Quality::default(),
             worst: Vec::new(),
         }
@@ -488,6 +498,9 @@ impl Tally {
 
     fn part(&mut self, place: usize, part: &Part) {
         let mut of_part = Some(RowSums::default());
+        let known = part.errors.iter().filter(|error| !error.is_nan());
+        self.squares[0] += known.map(|&error| f64::from(error).powi(2)).sum::<f64>();
+        self.squares[1] += part.data.iter().map(|factor| factor * factor).sum::<f64>();
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(row);
             self.entries += columns.len() as u64;
@@ -510,9 +523,9 @@ impl Tally {
         self.sums = of_part.and_then(|sums| sums.plus(&self.sums)).unwrap_or(self.sums);
     }
 
-    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32]) {
+    fn entries_of_row(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>) {
         let mut before = -1;
-        for (&column, &factor) in columns.iter().zip(factors) {
+        for (&column, factor) in columns.iter().zip(factors) {
             let exists = u32::try_from(column).is_ok_and(|column| column < self.patch_count);
             if !exists || column <= before {
                 self.fail(
@@ -534,9 +547,9 @@ impl Tally {
     }
 
     /// Most of itself that a patch may see.
-    fn most_of_itself(&self, patch: u32) -> f32 {
+    fn most_of_itself(&self, patch: u32) -> f64 {
         if self.has_portals {
-            return f32::INFINITY;
+            return f64::INFINITY;
         }
         match self.flat.as_ref().map(|flat| flat.get(patch as usize)) {
             None => 0.0,
@@ -546,7 +559,7 @@ impl Tally {
     }
 
     /// Holds what a row's mirrors and panes handed on against what arrives there.
-    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: &[f32], passage: Passage) {
+    fn passed_of_row(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>, passage: Passage) {
         if !self.has_portals {
             return;
         }
@@ -556,14 +569,14 @@ impl Tally {
         let Some(optics) = &self.handed_on else { return };
         // What is handed on at least and at most.
         let (mut least, mut most) = (0.0, 0.0);
-        for (&column, &factor) in columns.iter().zip(factors) {
+        for (&column, factor) in columns.iter().zip(factors) {
             let column = usize::try_from(column).ok();
             let Some(Some(optics)) = column.and_then(|column| optics.get(column)) else {
                 continue;
             };
-            let passed = (optics.specular + optics.transmittance) * f64::from(factor);
+            let passed = (optics.specular + optics.transmittance) * factor;
             least += if optics.varies { 0.0 } else { passed };
-            most += if optics.varies { f64::from(factor) } else { passed };
+            most += if optics.varies { factor } else { passed };
         }
         let off = (least - passage.passed).max(passage.passed - most);
         if off > PASSED * (1.0 + most) || off.is_nan() {
@@ -594,7 +607,7 @@ impl Tally {
         if hemicubes == 0 {
             return;
         }
-        let row_sum: f64 = factors.iter().map(|&factor| f64::from(factor)).sum();
+        let row_sum: f64 = factors.iter().sum();
         let whole = whole as f64;
         // Form factors are of what arrives, weights of what stays.
         let visible = sums.visible as f64 / whole + passage.passed;
@@ -678,6 +691,7 @@ impl Tally {
         self.entries_of_rows.sort_unstable();
         let of_rows = &self.entries_of_rows;
         let rendered = self.closure.rows.max(1) as f64;
+        let tolerance = store.manifest().settings["tolerance"].as_f64();
         CheckReport {
             store: store.directory().to_owned(),
             ok: self.failures.is_empty(),
@@ -689,6 +703,8 @@ impl Tally {
             entries: self.entries,
             form: store.manifest().form,
             value_error: store.manifest().value_error,
+            tolerance,
+            expected_error: tolerance.and(Some((self.squares[0] / self.squares[1]).sqrt()).filter(|e| e.is_finite())),
             entries_per_row: EntriesPerRow {
                 min: of_rows.first().copied().unwrap_or(0),
                 median: of_rows.get(of_rows.len().saturating_sub(1) / 2).copied().unwrap_or(0),
@@ -739,7 +755,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         let of = |row: &crate::store::Row| {
             row.indices
                 .binary_search(&j)
-                .map_or(0.0, |place| f64::from(row.data[place]))
+                .map_or(0.0, |place| row.data.at(place))
         };
         match &held {
             Some(rows) => Ok(rows[i as usize].as_ref().map(of)),
@@ -772,9 +788,9 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         };
         let Some(row) = row else { continue };
         rows += 1;
-        for (&j, &forward) in row.indices.iter().zip(&row.data) {
+        for (&j, forward) in row.indices.iter().zip(&row.data) {
             let Some(backward) = factor(j, i)? else { continue };
-            let (forward, backward) = (areas[i as usize] * f64::from(forward), areas[j as usize] * backward);
+            let (forward, backward) = (areas[i as usize] * forward, areas[j as usize] * backward);
             difference += (forward - backward).powi(2);
             total += forward.powi(2);
             pairs += 1;

@@ -29,7 +29,7 @@ use super::zones::{GroupBy, zones};
 use crate::solve::{
     Block, Factors, Heat, InMemory, Method, Problem, STEFAN_BOLTZMANN, SolveError, SolveOptions, solve,
 };
-use crate::store::{Part, RowTable, Store};
+use crate::store::{Form, Part, RowTable, Store};
 
 /// Most surfaces: their factors take 8 N² bytes a band.
 pub const SURFACES_MAX: usize = 20_000;
@@ -99,6 +99,7 @@ impl Network {
                 .collect(),
             of_patch,
             &rows,
+            store.manifest().form,
         )
         .handing_on(&store.row_table()?)
     }
@@ -110,7 +111,7 @@ impl Network {
         for row in store.rows()? {
             let (patch, row) = row?;
             let entries = row.indices.iter().zip(&row.data);
-            rows[patch.0 as usize] = entries.map(|(&column, &factor)| (column, f64::from(factor))).collect();
+            rows[patch.0 as usize] = entries.map(|(&column, factor)| (column, factor)).collect();
         }
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let measures = (table.area.iter().zip(&lost.escaped)).map(|(&area, &escaped)| (area, 1, known(escaped)));
@@ -119,6 +120,7 @@ impl Network {
             measures.collect(),
             (0..).take(table.len()).collect(),
             &rows,
+            store.manifest().form,
         )
         .handing_on(&lost)
     }
@@ -138,7 +140,7 @@ impl Network {
         for (row, &surface) in part.rows.iter().enumerate() {
             let (columns, data) = part.row(row);
             let of = columns.iter().zip(data);
-            let passed = of.map(|(&to, &factor)| handed_on[to.cast_unsigned() as usize] * f64::from(factor));
+            let passed = of.map(|(&to, factor)| handed_on[to.cast_unsigned() as usize] * factor);
             let surface = surface as usize;
             let kept = 1.0 - handed_on[surface];
             let lost = self.returned[surface] + passed.sum::<f64>();
@@ -154,20 +156,24 @@ impl Network {
     }
 
     /// A network of area, number of patches and escaped share of each surface, and its rows.
-    fn built(names: Vec<String>, measures: Vec<(f64, u32, f64)>, of_patch: Vec<u32>, rows: &[Vec<(u32, f64)>]) -> Self {
+    fn built(
+        names: Vec<String>,
+        measures: Vec<(f64, u32, f64)>,
+        of_patch: Vec<u32>,
+        rows: &[Vec<(u32, f64)>],
+        form: Form,
+    ) -> Self {
         let mut part = Part {
             indptr: vec![0],
-            ..Part::default()
+            ..Part::new(form)
         };
         let mut returned = Vec::new();
         for ((surface, row), &(_, _, escaped)) in (0u32..).zip(rows).zip(&measures) {
             let mut sum = 0.0;
             for &(to, factor) in row.iter().filter(|(_, factor)| *factor != 0.0) {
-                #[allow(clippy::cast_possible_truncation, reason = "rounding to f32 is what parts hold")]
-                let factor = factor as f32;
                 part.indices.push(to.cast_signed());
                 part.data.push(factor);
-                sum += f64::from(factor);
+                sum += form.precision().round(factor);
             }
             part.rows.push(surface);
             part.indptr.push(i64::try_from(part.data.len()).unwrap_or(i64::MAX));
@@ -219,9 +225,9 @@ impl Network {
         let part = self.factors.run(0)?;
         for (row, &surface) in part.rows.iter().enumerate() {
             let (columns, data) = part.row(row);
-            for (&column, &factor) in columns.iter().zip(data) {
+            for (&column, factor) in columns.iter().zip(data) {
                 let to = column.cast_unsigned();
-                let whole = self.area[surface as usize] * f64::from(factor);
+                let whole = self.area[surface as usize] * factor;
                 let share = if to == surface { whole } else { whole / 2.0 };
                 *areas.entry((surface.min(to), surface.max(to))).or_insert(0.0) += share;
             }
@@ -453,7 +459,7 @@ mod tests {
             .map(|(&area, &escaped)| (area, 1, escaped))
             .collect();
         let names = (0..area.len()).map(|surface| format!("s{surface}")).collect();
-        Network::built(names, measures, (0..).take(area.len()).collect(), &rows)
+        Network::built(names, measures, (0..).take(area.len()).collect(), &rows, Form::Plain)
     }
 
     fn exchange(network: &Network, emissivity: &[f64]) -> Exchange {

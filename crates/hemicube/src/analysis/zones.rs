@@ -175,8 +175,8 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
         let zone = zone_of[patch] as usize;
         computed[zone] += 1;
         of_row.clear();
-        for (&column, &factor) in row.indices.iter().zip(&row.data) {
-            *of_row.entry(zone_of[column as usize]).or_insert(0.0) += f64::from(factor);
+        for (&column, factor) in row.indices.iter().zip(&row.data) {
+            *of_row.entry(zone_of[column as usize]).or_insert(0.0) += factor;
         }
         for (&to, &factor) in &of_row {
             *sums[zone].entry(to).or_insert(0.0) += area * factor;

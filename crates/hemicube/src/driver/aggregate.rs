@@ -31,13 +31,13 @@ impl ColumnSums {
     /// factors go from `part.data` to `factors`.
     pub(super) fn add_up(&mut self, grouping: &Grouping, part: &mut Part, start: usize, factors: &mut Vec<f64>) {
         self.sums.resize(grouping.len(), 0.0);
-        for (&column, &factor) in part.indices[start..].iter().zip(&part.data) {
+        for (&column, factor) in part.indices[start..].iter().zip(&part.data) {
             let patch = grouping.patch_of(InputPatch(column.cast_unsigned())).0;
             let sum = &mut self.sums[patch as usize];
             if *sum == 0.0 {
                 self.touched.push(patch);
             }
-            *sum += f64::from(factor);
+            *sum += factor;
         }
         part.indices.truncate(start);
         part.data.clear();
@@ -141,9 +141,9 @@ impl<'a> OpenRow<'a> {
         for patch in self.touched.drain(..) {
             let exchange = std::mem::take(&mut self.exchange[patch as usize]);
             part.indices.push(patch.cast_signed());
-            part.data.push(narrow(exchange / self.area));
+            part.data.push(exchange / self.area);
         }
-        let mut error = narrow(self.error / self.area);
+        let mut error = crate::store::closure::narrow(self.error / self.area);
         let change = small_entries::keep(part, start, self.plan.min_factor, self.plan.form, &mut error);
         let is_known = self.hemicubes > 0;
         part.rows.push(patch.0);
@@ -165,9 +165,4 @@ impl<'a> OpenRow<'a> {
         (self.area, self.error) = (0.0, 0.0);
         Some((std::mem::take(&mut self.whole_area), change))
     }
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "form factors are stored as f32")]
-fn narrow(value: f64) -> f32 {
-    value as f32
 }

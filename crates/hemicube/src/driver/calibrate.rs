@@ -70,6 +70,9 @@ const SURE: f64 = 1.5;
 /// Patches of a scene, and the tolerance, up to which every pair is measured by itself.
 const SMALL: usize = 400;
 const FINE: f64 = 2e-3;
+/// Tolerance that no number of rays keeps, and patches of a scene up to which every pair is then measured by itself.
+const FINEST_OF_RAYS: f64 = 0.99e-5;
+const MANY: usize = 4096;
 /// Share of the tolerance that the rows tried may have, for the sake of the others.
 const MARGIN: f64 = 0.82;
 /// Slack in the rule that an error falls in proportion to the effort at most.
@@ -112,7 +115,8 @@ pub fn calibrate(
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
-    if model.patches().len() <= SMALL && tolerance <= FINE {
+    let each_up_to = if tolerance < FINEST_OF_RAYS { MANY } else { SMALL };
+    if model.patches().len() <= each_up_to && tolerance <= FINE {
         return Ok(each_pair(model, tolerance));
     }
     // A patch without area has no hemicube.
@@ -121,7 +125,12 @@ pub fn calibrate(
     let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
     let sample = Sample {
         tried: (0..rows.len()).step_by(stride).collect(),
-        coarse: hemicubes(model, &rows, rotate, COARSE, backend)?,
+        // Where all pairs are measured, no effort is tried with coarse ones.
+        coarse: if model.patches().len() <= SMALL {
+            RowBlock::default()
+        } else {
+            hemicubes(model, &rows, rotate, COARSE, backend)?
+        },
         fine: hemicubes(model, &rows, rotate, FINEST, backend)?,
         rows,
         model,

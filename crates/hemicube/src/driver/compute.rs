@@ -549,6 +549,8 @@ impl<'a> Worker<'a> {
 
         let mut batch = Batch {
             counters,
+            // Patches of several elements add up these rows in f64 and round once.
+            part: Part::new(plan.form),
             ..Batch::default()
         };
         for row in rows {
@@ -643,7 +645,7 @@ impl<'a> Worker<'a> {
         if let Some(groups) = &plan.groups {
             batch.pairs += part.data.len() as u64;
             self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
-        } else if plan.min_factor > 0.0 || plan.form != Form::Plain {
+        } else if plan.min_factor > 0.0 || plan.form == Form::Compact {
             let change = small_entries::keep(part, start, plan.min_factor, plan.form, &mut converted.error);
             if plan.min_factor > 0.0 {
                 batch.changes.push(change);
@@ -739,7 +741,7 @@ impl<'a> Collector<'a> {
             row_count: run.plan.elements_of(run.plan.wanted()),
             early: BTreeMap::new(),
             next: 0,
-            part: Part::default(),
+            part: Part::new(run.plan.form),
             open: OpenRow::new(run.plan),
             elements: 0,
             next_part: 0,
@@ -766,7 +768,7 @@ impl<'a> Collector<'a> {
             index: index.unwrap_or(u32::MAX),
             indptr: vec![0],
             thinning: self.is_thinned().then(PartThinning::default),
-            ..Part::default()
+            ..Part::new(self.run.plan.form)
         }
     }
 
@@ -905,7 +907,7 @@ impl<'a> Collector<'a> {
             .filter(|e| !e.is_nan())
             .map(|&e| f64::from(e).powi(2))
             .sum::<f64>();
-        summary.squared_norm += part.data.iter().map(|&f| f64::from(f).powi(2)).sum::<f64>();
+        summary.squared_norm += part.data.iter().map(|factor| factor.powi(2)).sum::<f64>();
         summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
         for sums in &part.sums {
             summary.sums.visible += sums.visible;
@@ -928,7 +930,7 @@ fn append(part: &mut Part, batch: Part) {
     part.rows.extend(batch.rows);
     part.indptr.extend(batch.indptr.iter().map(|end| base + end));
     part.indices.extend(batch.indices);
-    part.data.extend(batch.data);
+    part.data.extend(batch.data.as_slice());
     part.sums.extend(batch.sums);
     part.shares.extend(batch.shares);
     part.hemicubes.extend(batch.hemicubes);

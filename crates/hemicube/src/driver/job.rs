@@ -337,7 +337,8 @@ impl Job {
         let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
         let policy = if self.portals.specular.is_some() {
-            StoragePolicy::choose(Some(Form::Plain), Some(0.0), patch_count, tolerance)
+            let form = self.form.unwrap_or(Form::Plain);
+            StoragePolicy::choose(Some(form), Some(0.0), patch_count, tolerance)
         } else {
             StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance)
         };

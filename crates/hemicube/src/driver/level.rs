@@ -5,6 +5,7 @@ use crate::accuracy::correct::Correction;
 use crate::backend::HemicubeBackend;
 use crate::driver::calibrate::{Calibration, calibrate};
 use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
+use crate::factor::FactorRule;
 use crate::store::Form;
 
 /// The accuracy asked for.
@@ -78,12 +79,15 @@ pub struct Level {
 pub enum LevelError {
     /// The store's rounding leaves too little of the tolerance.
     #[error(
-        "the compact form rounds form factors by up to {}, which leaves too little of a tolerance of {}; the plain \
-         form rounds nothing",
+        "the {} form rounds form factors by up to {}, which leaves too little of a tolerance of {}; {}",
+        form.name(),
         percentage(*rounding),
-        percentage(*tolerance)
+        percentage(*tolerance),
+        wider(*form)
     )]
     Rounding {
+        /// The form.
+        form: Form,
         /// Relative rounding error of a form factor.
         rounding: f64,
         /// The tolerance.
@@ -114,17 +118,33 @@ pub fn within(
     calibrate(model, &emitters, &receives, rotate, tolerance, backend, execution)
 }
 
-/// The rows' share of a tolerance T with the store's rounding error r: √(T² − r²), the two being independent.
-fn left_by(form: Form, tolerance: f64) -> Result<f64, LevelError> {
-    let rounding = form.value_error();
-    if rounding == 0.0 {
-        return Ok(tolerance);
+/// The form to take in place of one that rounds too much.
+fn wider(form: Form) -> &'static str {
+    match form {
+        Form::Compact => "the plain form rounds in the eighth digit",
+        Form::Plain | Form::Double => "the form `double` keeps sixteen digits",
     }
+}
+
+/// The rows' share of a tolerance T with the store's rounding error r: √(T² − r²), the two being independent; T in the
+/// plain form, where r is nothing beside it but near its end, 1.2 · 10⁻⁷.
+fn left_by(form: Form, tolerance: f64) -> Result<f64, LevelError> {
+    let rounding = form.value_error().max(form.precision().rounding());
     if tolerance < 2.0 * rounding {
-        return Err(LevelError::Rounding { rounding, tolerance });
+        return Err(LevelError::Rounding {
+            form,
+            rounding,
+            tolerance,
+        });
+    }
+    if form.value_error() == 0.0 {
+        return Ok(tolerance);
     }
     Ok((tolerance.powi(2) - rounding.powi(2)).sqrt())
 }
+
+/// Tolerance from which on the closed forms of a double store are exact to 10⁻¹⁰.
+const EXACT_FROM: f64 = 1e-3;
 
 impl Level {
     /// Resolves the accuracy asked for in a scene; calibrates a tolerance.
@@ -157,8 +177,12 @@ impl Level {
         };
         let left = left_by(form, tolerance)?;
         let calibration = within(model, selection, rotate, left, backend, execution)?;
+        let mut refinement = calibration.refinement;
+        if form == Form::Double && tolerance <= EXACT_FROM {
+            (refinement.rule, refinement.proves) = (FactorRule::exact(), true);
+        }
         Ok(Self {
-            correction: Correction::Tolerance(calibration.refinement),
+            correction: Correction::Tolerance(refinement),
             resolution: calibration.resolution,
             samples_per_edge: 1,
             reason: Some(format!("tolerance {}: {}", percentage(tolerance), calibration.reason)),
@@ -191,7 +215,10 @@ mod tests {
 
     #[test]
     fn rounding_takes_its_share_of_a_tolerance() {
-        assert_eq!(left_by(Form::Plain, 1e-9).unwrap(), 1e-9);
+        assert_eq!(left_by(Form::Double, 1e-7).unwrap(), 1e-7);
+        assert_eq!(left_by(Form::Plain, 1e-6).unwrap(), 1e-6);
+        let refused = left_by(Form::Plain, 1e-7).unwrap_err().to_string();
+        assert!(refused.contains("plain form") && refused.contains("`double`"), "{refused}");
         let left = left_by(Form::Compact, 1e-2).unwrap();
         assert!((left.hypot(Form::Compact.value_error()) / 1e-2 - 1.0).abs() < 1e-12);
         assert!(matches!(left_by(Form::Compact, 1e-4), Err(LevelError::Rounding { .. })));

@@ -40,6 +40,15 @@ impl Precision {
         }
     }
 
+    /// As far as rounding allows: differences of a quadrature that is four to eight digits rougher than the result.
+    pub(crate) const fn exact() -> Self {
+        Self {
+            absolute: 1e-9,
+            relative: 1e-10,
+            least: 1e-13,
+        }
+    }
+
     /// Relative to the area only.
     pub(crate) const fn of_area(share: f64) -> Self {
         Self {

@@ -136,9 +136,9 @@ impl<'a> Extender<'a> {
         self.row.clear();
         let entries = draft.part.indices[draft.start..]
             .iter()
-            .zip(&draft.part.data[draft.start..]);
+            .zip(draft.part.data.tail(draft.start));
         self.row
-            .extend(entries.map(|(&patch, &factor)| (patch.cast_unsigned(), f64::from(factor))));
+            .extend(entries.map(|(&patch, factor)| (patch.cast_unsigned(), factor)));
         if images.is_some_and(Images::has_curtains) {
             passage.cut_off = self.cut_off(&mut draft);
         }
@@ -497,11 +497,9 @@ impl<'a> Extender<'a> {
         part.indices.truncate(start);
         part.data.truncate(start);
         for group in self.row.chunk_by(|a, b| a.0 == b.0) {
-            #[allow(clippy::cast_possible_truncation, reason = "rounding to the store's f32 is wanted")]
-            let factor = group.iter().map(|&(_, factor)| factor).sum::<f64>() as f32;
-            if factor > 0.0 {
+            let factor = group.iter().map(|&(_, factor)| factor).sum::<f64>();
+            if part.data.push_positive(factor) {
                 part.indices.push(group[0].0.cast_signed());
-                part.data.push(factor);
             }
         }
     }

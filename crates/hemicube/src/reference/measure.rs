@@ -34,7 +34,7 @@ impl EstimatedRow {
                 Self {
                     emitter: InputPatch(row),
                     columns: columns.iter().map(|&column| column.cast_unsigned()).collect(),
-                    values: values.iter().map(|&value| f64::from(value)).collect(),
+                    values: values.iter().collect(),
                 }
             })
             .collect()

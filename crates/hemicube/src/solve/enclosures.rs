@@ -109,7 +109,7 @@ pub fn enclosures(factors: &dyn Factors) -> Result<Enclosures, SolveError> {
         let part = factors.run(run)?;
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, data) = part.row(row);
-            for (&column, &factor) in columns.iter().zip(data) {
+            for (&column, factor) in columns.iter().zip(data) {
                 let column = column.cast_unsigned();
                 if column as usize >= count || patch as usize >= count {
                     let reason = format!("has an entry at {patch}, {column}, and {count} patches");

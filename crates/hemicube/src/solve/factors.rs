@@ -1,7 +1,7 @@
 //! The matrix for solvers: run by run, from memory or from a store.
 
 use super::Block;
-use crate::store::{Error, Part, Result, Store};
+use crate::store::{Error, FactorSlice, Number, Part, Result, Store};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
@@ -47,8 +47,7 @@ impl InMemory {
         for (patch, row) in (0u32..).zip(rows) {
             for (column, &factor) in (0i32..).zip(row).filter(|(_, factor)| **factor != 0.0) {
                 part.indices.push(column);
-                #[allow(clippy::cast_possible_truncation, reason = "rounding to f32 is what parts hold")]
-                part.data.push(factor as f32);
+                part.data.push(factor);
             }
             part.rows.push(patch);
             part.indptr.push(i64::try_from(part.data.len()).unwrap_or(i64::MAX));
@@ -140,7 +139,7 @@ impl Factors for OutOfCore<'_> {
         self.store.read_ahead(index.saturating_add(PARTS_AHEAD));
         let part = self.store.part(index)?.ok_or_else(missing)?;
         let part = Arc::new(part);
-        let size = 8 * part.data.len() as u64 + 64 * part.rows.len() as u64;
+        let size = (4 + part.data.precision().size() as u64) * part.data.len() as u64 + 64 * part.rows.len() as u64;
         let mut kept = self.lock();
         if kept.bytes + size <= self.budget && kept.parts[index].is_none() {
             kept.bytes += size;
@@ -152,7 +151,15 @@ impl Factors for OutOfCore<'_> {
 
 /// Σⱼ Fᵢⱼ xⱼ for one row and all columns of `x`.
 #[inline]
-pub(super) fn row_product(columns: &[i32], factors: &[f32], x: &Block, out: &mut [f64]) {
+pub(super) fn row_product(columns: &[i32], factors: FactorSlice<'_>, x: &Block, out: &mut [f64]) {
+    match factors {
+        FactorSlice::Single(factors) => row_product_of(columns, factors, x, out),
+        FactorSlice::Double(factors) => row_product_of(columns, factors, x, out),
+    }
+}
+
+#[inline]
+fn row_product_of<F: Number>(columns: &[i32], factors: &[F], x: &Block, out: &mut [f64]) {
     match out.len() {
         1 => fixed::<1>(columns, factors, x, out),
         3 => fixed::<3>(columns, factors, x, out),
@@ -160,7 +167,7 @@ pub(super) fn row_product(columns: &[i32], factors: &[f32], x: &Block, out: &mut
         _ => {
             out.fill(0.0);
             for (&column, &factor) in columns.iter().zip(factors) {
-                let factor = f64::from(factor);
+                let factor: f64 = factor.into();
                 for (sum, value) in out.iter_mut().zip(x.of(column.cast_unsigned() as usize)) {
                     *sum += factor * value;
                 }
@@ -170,11 +177,11 @@ pub(super) fn row_product(columns: &[i32], factors: &[f32], x: &Block, out: &mut
 }
 
 #[inline]
-fn fixed<const N: usize>(columns: &[i32], factors: &[f32], x: &Block, out: &mut [f64]) {
+fn fixed<const N: usize>(columns: &[i32], factors: &[impl Number], x: &Block, out: &mut [f64]) {
     let mut sums = [0.0; N];
     let rows = x.values().as_chunks::<N>().0;
     for (&column, &factor) in columns.iter().zip(factors) {
-        let (factor, values) = (f64::from(factor), &rows[column.cast_unsigned() as usize]);
+        let (factor, values): (f64, _) = (factor.into(), &rows[column.cast_unsigned() as usize]);
         for lane in 0..N {
             sums[lane] += factor * values[lane];
         }

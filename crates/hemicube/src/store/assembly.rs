@@ -1,6 +1,6 @@
 //! Parts put together to one matrix in memory, rows in input order.
 
-use super::Part;
+use super::{FactorVec, Part, Precision};
 
 /// An integer for numbers of entries and columns: `i32` or `i64`.
 pub trait Index: Copy + Default + From<i32> + TryFrom<u64> + TryInto<usize> + Send + Sync {}
@@ -15,7 +15,7 @@ impl Index for i64 {}
 ///
 /// ```
 /// use hemicube::InputPatch;
-/// use hemicube::store::Assembly;
+/// use hemicube::store::{Assembly, Precision};
 /// # use hemicube::accuracy::correct::Correction;
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
@@ -23,14 +23,15 @@ impl Index for i64 {}
 ///
 /// // How long rows are is read without reading them; parts then come one by one.
 /// let lengths = (0..store.patch_count()).map(|patch| Ok(store.entries_of_row(InputPatch(patch))?.unwrap_or(0)));
-/// let mut matrix = Assembly::<i32>::new(&lengths.collect::<hemicube::store::Result<Vec<u64>>>()?).ok_or("too large")?;
+/// let lengths = lengths.collect::<hemicube::store::Result<Vec<u64>>>()?;
+/// let mut matrix = Assembly::<i32>::new(&lengths, Precision::Single).ok_or("too large")?;
 /// for place in 0..store.manifest().parts.len() {
 ///     let part = store.part(place)?.ok_or("no such part")?;
 ///     matrix.place(&part).map_err(|patch| format!("row {patch} has another length"))?;
 /// }
 /// let (indptr, indices, data) = matrix.into_arrays();
 /// let row = indptr[9] as usize..indptr[10] as usize;
-/// assert_eq!(data[row.clone()], store.row(InputPatch(9))?.ok_or("no row")?.data);
+/// assert_eq!(data.get(row.clone()), Some(store.row(InputPatch(9))?.ok_or("no row")?.data.as_slice()));
 /// assert!(indices[row].is_sorted() && data.len() as u64 == store.manifest().entries);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -38,12 +39,12 @@ impl Index for i64 {}
 pub struct Assembly<I> {
     indptr: Vec<I>,
     indices: Vec<I>,
-    data: Vec<f32>,
+    data: FactorVec,
 }
 
 impl<I: Index> Assembly<I> {
-    /// For rows of so many entries each, in input order. `None` when there are more of them than `I` counts.
-    pub fn new(entries_of_rows: &[u64]) -> Option<Self> {
+    /// For rows of so many entries each, in input order, of this width. `None` when there are more of them than `I` counts.
+    pub fn new(entries_of_rows: &[u64], precision: Precision) -> Option<Self> {
         let mut indptr = Vec::with_capacity(entries_of_rows.len() + 1);
         let mut end = 0_u64;
         indptr.push(I::default());
@@ -55,7 +56,7 @@ impl<I: Index> Assembly<I> {
         Some(Self {
             indptr,
             indices: vec![I::default(); count],
-            data: vec![0.0; count],
+            data: FactorVec::zeros(precision, count),
         })
     }
 
@@ -71,13 +72,12 @@ impl<I: Index> Assembly<I> {
                 return Err(patch);
             };
             let range: std::ops::Range<usize> = start..end;
-            let (Some(indices), Some(data)) = (self.indices.get_mut(range.clone()), self.data.get_mut(range)) else {
+            let Some(indices) = self.indices.get_mut(range.clone()) else {
                 return Err(patch);
             };
-            if data.len() != factors.len() {
+            if indices.len() != factors.len() || !self.data.place(range.start, factors) {
                 return Err(patch);
             }
-            data.copy_from_slice(factors);
             for (index, &column) in indices.iter_mut().zip(columns) {
                 *index = column.into();
             }
@@ -86,7 +86,7 @@ impl<I: Index> Assembly<I> {
     }
 
     /// Starts of rows, and the last one's end; columns; form factors.
-    pub fn into_arrays(self) -> (Vec<I>, Vec<I>, Vec<f32>) {
+    pub fn into_arrays(self) -> (Vec<I>, Vec<I>, FactorVec) {
         (self.indptr, self.indices, self.data)
     }
 }
@@ -97,7 +97,7 @@ mod tests {
 
     fn part(rows: Vec<u32>, indptr: Vec<i64>, indices: Vec<i32>) -> Part {
         Part {
-            data: indices.iter().map(|&column| column as f32 + 0.5).collect(),
+            data: indices.iter().map(|&column| column as f32 + 0.5).collect::<Vec<f32>>().into(),
             rows,
             indptr,
             indices,
@@ -105,12 +105,12 @@ mod tests {
         }
     }
 
-    fn assembled<I: Index>() -> (Vec<I>, Vec<I>, Vec<f32>) {
+    fn assembled<I: Index>() -> (Vec<I>, Vec<I>, FactorVec) {
         let parts = [
             part(vec![3, 0], vec![0, 2, 3], vec![0, 2, 1]),
             part(vec![1], vec![0, 3], vec![0, 2, 3]),
         ];
-        let mut whole = Assembly::<I>::new(&[1, 3, 0, 2]).unwrap();
+        let mut whole = Assembly::<I>::new(&[1, 3, 0, 2], Precision::Single).unwrap();
         for part in &parts {
             whole.place(part).unwrap();
         }
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn rows_come_into_input_order() {
-        let data = vec![1.5, 0.5, 2.5, 3.5, 0.5, 2.5];
+        let data = FactorVec::from(vec![1.5_f32, 0.5, 2.5, 3.5, 0.5, 2.5]);
         assert_eq!(
             assembled::<i32>(),
             (vec![0, 1, 4, 4, 6], vec![1, 0, 2, 3, 0, 2], data.clone())
@@ -129,9 +129,9 @@ mod tests {
 
     #[test]
     fn more_than_can_be_counted_and_what_does_not_fit_is_refused() {
-        assert!(Assembly::<i32>::new(&[1 << 30, 1 << 30]).is_none());
-        assert!(Assembly::<i64>::new(&[u64::MAX, 1]).is_none());
-        let mut whole = Assembly::<i32>::new(&[1, 1]).unwrap();
+        assert!(Assembly::<i32>::new(&[1 << 30, 1 << 30], Precision::Single).is_none());
+        assert!(Assembly::<i64>::new(&[u64::MAX, 1], Precision::Double).is_none());
+        let mut whole = Assembly::<i32>::new(&[1, 1], Precision::Single).unwrap();
         assert_eq!(whole.place(&part(vec![1], vec![0, 2], vec![0, 1])), Err(1));
         assert_eq!(whole.place(&part(vec![2], vec![0, 1], vec![0])), Err(2));
     }

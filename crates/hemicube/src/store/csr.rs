@@ -6,7 +6,7 @@
 use super::durable::read_exact_at;
 use super::npy::{Element, ElementType, decode};
 use super::npz::{Elements, Npz};
-use super::{Error, Form, Result, compact};
+use super::{Error, FactorVec, Form, Result, compact};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -71,14 +71,26 @@ pub(crate) struct Buffers([Vec<u8>; 3]);
 /// A row in its file's form.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum EncodedRow<'a> {
-    /// i4 and f4.
-    Plain { columns: &'a [u8], values: &'a [u8] },
+    /// i4, and f4 or f8.
+    Plain {
+        columns: &'a [u8],
+        values: EncodedValues<'a>,
+    },
     /// u2, u1 and u2.
     Compact {
         gaps: &'a [u8],
         lengths: &'a [u8],
         codes: &'a [u8],
     },
+}
+
+/// Form factors of a row in their file's width, little-endian.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum EncodedValues<'a> {
+    /// f4.
+    Single(&'a [u8]),
+    /// f8.
+    Double(&'a [u8]),
 }
 
 /// A compressed-row matrix in a file.
@@ -116,6 +128,14 @@ pub(super) fn will_read(file: &File) {
     }
     #[cfg(not(target_os = "linux"))]
     let _ = file;
+}
+
+/// Form factors from their bytes.
+fn factors(element: ElementType, bytes: &[u8]) -> FactorVec {
+    match element {
+        ElementType::F64 => FactorVec::Double(decode(bytes)),
+        _ => FactorVec::Single(decode(bytes)),
+    }
 }
 
 /// Start and number of a row's entries; none beyond the last row.
@@ -162,12 +182,12 @@ impl CsrFile {
         let indptr = npz.counts("indptr")?;
         let wrong =
             |name: &str| Error::malformed(path, format!("has `{name}` that do not divide its entries into rows"));
-        let values = if form.is_plain() { "data" } else { "codes" };
+        let values = if form == Form::Compact { "codes" } else { "data" };
         if !divides(&indptr, row_count, npz.count(values)?) {
             return Err(wrong("indptr"));
         }
         let entries = match form {
-            Form::Plain => Self::read_plain(path, npz, &wrong)?,
+            Form::Plain | Form::Double => Self::read_plain(path, npz, &wrong)?,
             Form::Compact => Self::read_compact(path, npz, row_count, &wrong)?,
         };
         Ok(Self {
@@ -229,7 +249,8 @@ impl CsrFile {
     pub(crate) fn is_store_part(&self, form: Form) -> bool {
         match &self.entries {
             Entries::Plain { indices, data } => {
-                form.is_plain() && indices.element == ElementType::I32 && data.element == ElementType::F32
+                let is_of_form = form != Form::Compact && data.element == form.precision().element();
+                is_of_form && indices.element == ElementType::I32
             }
             Entries::Compact { .. } => form == Form::Compact,
         }
@@ -245,13 +266,13 @@ impl CsrFile {
     }
 
     /// The columns and values of a row in a store's part, in the file's form.
-    pub(crate) fn row(&self, file: &File, row: u64) -> Result<(Vec<i32>, Vec<f32>)> {
+    pub(crate) fn row(&self, file: &File, row: u64) -> Result<(Vec<i32>, FactorVec)> {
         let (start, count) = self.bounds(row);
         let read = |sequence: &Sequence, (start, count)| sequence.read(&self.path, file, start, count);
         match &self.entries {
             Entries::Plain { indices, data } => Ok((
                 decode(&read(indices, (start, count))?),
-                decode(&read(data, (start, count))?),
+                factors(data.element, &read(data, (start, count))?),
             )),
             Entries::Compact {
                 runptr,
@@ -266,7 +287,7 @@ impl CsrFile {
                     return Err(self.no_columns(row));
                 }
                 let codes: Vec<u16> = decode(&read(codes, (start, count))?);
-                Ok((columns, codes.into_iter().map(compact::factor).collect()))
+                Ok((columns, FactorVec::Single(codes.into_iter().map(compact::factor).collect())))
             }
         }
     }
@@ -301,8 +322,12 @@ impl CsrFile {
                     indices.read_into(&self.path, file, start, count, first)?;
                     data.read_into(&self.path, &file_of_second, start, count, second)?;
                     (row..end).all(|row| {
-                        let range = part(first, self.bounds(row), start, 4);
-                        let (columns, values) = (&first[range.clone()], &second[range]);
+                        let columns = &first[part(first, self.bounds(row), start, 4)];
+                        let values = &second[part(second, self.bounds(row), start, data.element.size())];
+                        let values = match data.element {
+                            ElementType::F64 => EncodedValues::Double(values),
+                            _ => EncodedValues::Single(values),
+                        };
                         each(row, EncodedRow::Plain { columns, values }).is_some()
                     })
                 }
@@ -341,9 +366,16 @@ impl CsrFile {
     }
 
     /// The columns and values of all rows of a store's part, from its open archive.
-    pub(crate) fn rows(&self, npz: &mut Npz) -> Result<(Vec<i32>, Vec<f32>)> {
-        let Entries::Compact { runptr, .. } = &self.entries else {
-            return Ok((npz.array("indices")?, npz.array("data")?));
+    pub(crate) fn rows(&self, npz: &mut Npz) -> Result<(Vec<i32>, FactorVec)> {
+        let runptr = match &self.entries {
+            Entries::Compact { runptr, .. } => runptr,
+            Entries::Plain { data, .. } => {
+                let factors = match data.element {
+                    ElementType::F64 => FactorVec::Double(npz.array("data")?),
+                    _ => FactorVec::Single(npz.array("data")?),
+                };
+                return Ok((npz.array("indices")?, factors));
+            }
         };
         let codes: Vec<u16> = npz.array("codes")?;
         let (gaps, lengths): (Vec<u16>, Vec<u8>) = (npz.array("gaps")?, npz.array("lengths")?);
@@ -357,7 +389,7 @@ impl CsrFile {
                 return Err(self.no_columns(row));
             }
         }
-        Ok((columns, codes.into_iter().map(compact::factor).collect()))
+        Ok((columns, FactorVec::Single(codes.into_iter().map(compact::factor).collect())))
     }
 
     fn no_columns(&self, row: u64) -> Error {
@@ -386,10 +418,7 @@ impl CsrFile {
             }
             Entries::Compact { .. } => {
                 let (columns, values) = self.row(file, row)?;
-                (
-                    columns.into_iter().map(i64::from).collect(),
-                    values.into_iter().map(f64::from).collect(),
-                )
+                (columns.into_iter().map(i64::from).collect(), values.into_f64())
             }
         };
         let mut entries = Vec::with_capacity(columns.len());

@@ -26,6 +26,12 @@ pub const VERSION: u32 = 2;
 /// `settings.patches`, or through portals, by `settings.portals`.
 pub const VERSION_EXTENDED: u32 = 3;
 
+/// Version of the format in the double form: earlier readers take form factors for f32.
+pub const VERSION_DOUBLE: u32 = 4;
+
+/// The newest version read.
+const VERSION_MAX: u32 = VERSION_DOUBLE;
+
 /// The oldest version read. Version 1 has no refined shares: its rows take those of their hemicubes.
 pub const VERSION_MIN: u32 = 1;
 
@@ -83,9 +89,11 @@ impl Header {
         kind_of(&self.settings).unwrap_or_default()
     }
 
-    /// The version of the format that the settings ask for.
+    /// The version of the format that form and settings ask for.
     fn version(&self) -> u32 {
-        if self.patch_kind().is_triangle() && !names_portals(&self.settings) {
+        if self.form == Form::Double {
+            VERSION_DOUBLE
+        } else if self.patch_kind().is_triangle() && !names_portals(&self.settings) {
             VERSION
         } else {
             VERSION_EXTENDED
@@ -200,7 +208,7 @@ pub struct PartEntry {
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// From [`VERSION_MIN`] to [`VERSION_EXTENDED`].
+    /// From [`VERSION_MIN`] to [`VERSION_DOUBLE`].
     pub version: u32,
     /// Version of the program.
     pub program: String,
@@ -409,7 +417,7 @@ impl Manifest {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
         };
         // The kind of the patches decides it, and is among the settings.
-        if self.version != other.version && self.patch_kind() == other.patch_kind() {
+        if self.version != other.version && self.patch_kind() == other.patch_kind() && self.form == other.form {
             return of("format's version", &self.version, &other.version);
         }
         if self.program != other.program {
@@ -425,8 +433,7 @@ impl Manifest {
             return Some(differences.join("; "));
         }
         if self.form != other.form {
-            let name = |form: Form| if form.is_plain() { "plain" } else { "compact" };
-            return of("form (`--store`)", &name(self.form), &name(other.form));
+            return of("form (`--store`)", &self.form.name(), &other.form.name());
         }
         if self.patch_count != other.patch_count {
             return of("number of patches", &self.patch_count, &other.patch_count);
@@ -520,10 +527,10 @@ impl Manifest {
             return Err("is no manifest of a store".into());
         }
         match fields.get("version").and_then(Value::as_u64) {
-            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION_EXTENDED)).contains(&version) => {}
+            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION_MAX)).contains(&version) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION_EXTENDED}: use the \
+                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION_MAX}: use the \
                      one that wrote it"
                 ));
             }
@@ -619,7 +626,15 @@ impl Manifest {
                 self.row_count, self.patch_count
             ));
         }
-        if (self.version == VERSION_EXTENDED) == (self.patch_kind().is_triangle() && !self.has_portals()) {
+        if (self.version == VERSION_DOUBLE) != (self.form == Form::Double) {
+            return Err(format!(
+                "has version {} and {} parts, which cannot be",
+                self.version,
+                self.form.name()
+            ));
+        }
+        let is_extended = !self.patch_kind().is_triangle() || self.has_portals();
+        if self.version != VERSION_DOUBLE && (self.version == VERSION_EXTENDED) != is_extended {
             return Err(format!(
                 "has version {}, patches of the kind {} and the portals {}, which cannot be",
                 self.version, self.settings["patches"], self.settings["portals"]

@@ -143,7 +143,7 @@ impl Matrix {
         }
         let (columns, values) = match &self.source {
             Source::Store(store) => match store.row(InputPatch(row))? {
-                Some(row) => (row.indices, row.data.into_iter().map(f64::from).collect()),
+                Some(row) => (row.indices, row.data.into_f64()),
                 None => return Ok(None),
             },
             Source::Csr { csr, file } => csr.row_f64(file, row.into())?,

@@ -10,7 +10,7 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate};
+use super::{Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -56,7 +56,7 @@ pub struct Row {
     /// The input patch of each entry's column, ascending.
     pub indices: Vec<u32>,
     /// The form factor of each entry.
-    pub data: Vec<f32>,
+    pub data: FactorVec,
 }
 
 /// Sum, shares and error of each row, in input order; NaN for rows not computed. Fractions of the hemicube are also NaN
@@ -126,7 +126,7 @@ impl RowTable {
         for (row, &patch) in part.rows.iter().enumerate() {
             let patch = patch as usize;
             let factors = part.row(row).1.iter();
-            self.row_sum[patch] = factors.map(|&factor| f64::from(form.round(factor))).sum();
+            self.row_sum[patch] = factors.map(|factor| form.round(factor)).sum();
             self.error[patch] = f64::from(part.errors[row]);
             let seen = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]);
             (self.hemicube_escaped[patch], self.hemicube_blocked[patch]) = (seen.escaped, seen.blocked);
@@ -565,7 +565,7 @@ impl Store {
                 let (patch, row) = row?;
                 let of = |column: u32| table.handed_on.get(column as usize).copied().unwrap_or(0.0);
                 let entries = row.indices.iter().zip(&row.data);
-                let passed: f64 = entries.map(|(&column, &factor)| of(column) * f64::from(factor)).sum();
+                let passed: f64 = entries.map(|(&column, factor)| of(column) * factor).sum();
                 table.passed[patch.0 as usize] = passed;
             }
         }
@@ -738,7 +738,7 @@ impl Store {
         let file = self.file(place, &head.path)?;
         let (columns, data) = head.csr.row(&file, row.into())?;
         if !validate::are_columns(&columns, self.manifest.patch_count)
-            || !validate::are_factors(data.iter().copied(), self.manifest.factor_end())
+            || !validate::are_factors(data.as_slice(), self.manifest.factor_end())
         {
             let reason = format!(
                 "has columns in its row {row} that do not ascend, or leave the matrix, or what is no form factor: it \

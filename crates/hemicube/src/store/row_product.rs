@@ -5,7 +5,7 @@
 //! same source is compiled for each instruction set, so all give the same bits.
 
 use super::compact;
-use super::csr::EncodedRow;
+use super::csr::{EncodedRow, EncodedValues};
 use crate::simd::{InstructionSet, dispatch};
 
 /// Independent sums of a row.
@@ -26,7 +26,14 @@ pub(super) struct Scratch {
 /// Σ F x of a row; `None` when a column is none.
 pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Option<f64> {
     match row {
-        EncodedRow::Plain { columns, values } => dot_plain(InstructionSet::widest(), columns, values, x),
+        EncodedRow::Plain {
+            columns,
+            values: EncodedValues::Single(values),
+        } => dot_plain(InstructionSet::widest(), columns, values, x),
+        EncodedRow::Plain {
+            columns,
+            values: EncodedValues::Double(values),
+        } => dot_double(InstructionSet::widest(), columns, values, x),
         EncodedRow::Compact { gaps, lengths, codes } => dot_compact(
             InstructionSet::widest(),
             gaps,
@@ -42,7 +49,14 @@ pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Opti
 /// Adds F x to the arrivals at the patches seen by a row; `None` for a column out of range.
 pub(super) fn scatter(row: EncodedRow<'_>, x: f64, y: &mut [f64], scratch: &mut Scratch) -> Option<()> {
     match row {
-        EncodedRow::Plain { columns, values } => scatter_plain(columns, values, x, y),
+        EncodedRow::Plain {
+            columns,
+            values: EncodedValues::Single(values),
+        } => scatter_values(columns, values, single, x, y),
+        EncodedRow::Plain {
+            columns,
+            values: EncodedValues::Double(values),
+        } => scatter_values(columns, values, f64::from_le_bytes, x, y),
         EncodedRow::Compact { gaps, lengths, codes } => scatter_compact(
             InstructionSet::widest(),
             gaps,
@@ -58,6 +72,9 @@ pub(super) fn scatter(row: EncodedRow<'_>, x: f64, y: &mut [f64], scratch: &mut 
 
 dispatch! {
     fn dot_plain = dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>
+}
+dispatch! {
+    fn dot_double = dot_double_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64>
 }
 dispatch! {
     fn dot_compact = dot_compact_portable(
@@ -87,10 +104,31 @@ fn run(columns: &[[u8; 4]; RUN]) -> Option<usize> {
     (differs == 0 && first >= 0).then_some(first.cast_unsigned() as usize)
 }
 
+/// An f32 of a plain row.
+#[inline(always)]
+fn single(bytes: [u8; 4]) -> f64 {
+    f64::from(f32::from_le_bytes(bytes))
+}
+
 #[inline(always)]
 fn dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
+    dot_values(columns, values, single, x)
+}
+
+#[inline(always)]
+fn dot_double_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
+    dot_values(columns, values, f64::from_le_bytes, x)
+}
+
+#[inline(always)]
+fn dot_values<const SIZE: usize>(
+    columns: &[u8],
+    values: &[u8],
+    decode: impl Fn([u8; SIZE]) -> f64,
+    x: &[f64],
+) -> Option<f64> {
     let mut sums = [0.0; LANES];
-    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
+    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<SIZE>().0);
     let (whole, rest) = columns.as_chunks::<LANES>();
     let (of_whole, of_rest) = values.as_chunks::<LANES>();
     for (columns, values) in whole.iter().zip(of_whole) {
@@ -99,11 +137,11 @@ fn dot_plain_portable(columns: &[u8], values: &[u8], x: &[f64]) -> Option<f64> {
             *x_of = *x.get(column(bytes))?;
         }
         for lane in 0..LANES {
-            sums[lane] += f64::from(f32::from_le_bytes(values[lane])) * of_row[lane];
+            sums[lane] += decode(values[lane]) * of_row[lane];
         }
     }
     for ((&columns, &values), sum) in rest.iter().zip(of_rest).zip(&mut sums) {
-        *sum += f64::from(f32::from_le_bytes(values)) * x.get(column(columns))?;
+        *sum += decode(values) * x.get(column(columns))?;
     }
     Some(sums.iter().sum())
 }
@@ -177,24 +215,31 @@ fn dot_compact_portable(
     Some(sums.iter().sum())
 }
 
-fn scatter_plain(columns: &[u8], values: &[u8], x: f64, y: &mut [f64]) -> Option<()> {
-    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<4>().0);
+#[inline(always)]
+fn scatter_values<const SIZE: usize>(
+    columns: &[u8],
+    values: &[u8],
+    decode: impl Fn([u8; SIZE]) -> f64,
+    x: f64,
+    y: &mut [f64],
+) -> Option<()> {
+    let (columns, values) = (columns.as_chunks::<4>().0, values.as_chunks::<SIZE>().0);
     let (whole, rest) = columns.as_chunks::<RUN>();
     let (of_whole, of_rest) = values.as_chunks::<RUN>();
     for (columns, values) in whole.iter().zip(of_whole) {
         if let Some(first) = run(columns) {
             let y: &mut [f64; RUN] = y.get_mut(first..first + RUN)?.try_into().ok()?;
             for lane in 0..RUN {
-                y[lane] += f64::from(f32::from_le_bytes(values[lane])) * x;
+                y[lane] += decode(values[lane]) * x;
             }
         } else {
             for lane in 0..RUN {
-                *y.get_mut(column(columns[lane]))? += f64::from(f32::from_le_bytes(values[lane])) * x;
+                *y.get_mut(column(columns[lane]))? += decode(values[lane]) * x;
             }
         }
     }
     for (&columns, &values) in rest.iter().zip(of_rest) {
-        *y.get_mut(column(columns))? += f64::from(f32::from_le_bytes(values)) * x;
+        *y.get_mut(column(columns))? += decode(values) * x;
     }
     Some(())
 }
@@ -274,6 +319,7 @@ mod tests {
     struct Sample {
         columns: Vec<u8>,
         values: Vec<u8>,
+        doubles: Vec<u8>,
         gaps: Vec<u8>,
         lengths: Vec<u8>,
         codes: Vec<u8>,
@@ -286,6 +332,10 @@ mod tests {
             Self {
                 columns: columns.iter().flat_map(|column| column.to_le_bytes()).collect(),
                 values: codes.iter().flat_map(|&code| factor(code).to_le_bytes()).collect(),
+                doubles: codes
+                    .iter()
+                    .flat_map(|&code| f64::from(factor(code)).to_le_bytes())
+                    .collect(),
                 gaps: runs.gaps.iter().flat_map(|gap| gap.to_le_bytes()).collect(),
                 lengths: runs.lengths,
                 codes: codes.iter().flat_map(|code| code.to_le_bytes()).collect(),
@@ -295,7 +345,14 @@ mod tests {
         fn plain(&self) -> EncodedRow<'_> {
             EncodedRow::Plain {
                 columns: &self.columns,
-                values: &self.values,
+                values: EncodedValues::Single(&self.values),
+            }
+        }
+
+        fn double(&self) -> EncodedRow<'_> {
+            EncodedRow::Plain {
+                columns: &self.columns,
+                values: EncodedValues::Double(&self.doubles),
             }
         }
 
@@ -333,14 +390,17 @@ mod tests {
             let Sample {
                 columns,
                 values,
+                doubles,
                 gaps,
                 lengths,
                 codes,
             } = &sample;
             for (name, found) in [
                 ("plain", dot(sample.plain(), &x, &mut scratch)),
+                ("double", dot(sample.double(), &x, &mut scratch)),
                 ("compact", dot(sample.compact(), &x, &mut scratch)),
                 ("plain, portable", dot_plain_portable(columns, values, &x)),
+                ("double, portable", dot_double_portable(columns, doubles, &x)),
                 (
                     "compact, portable",
                     dot_compact_portable(gaps, lengths, codes, &x, &mut Vec::new(), &mut Vec::new()),
@@ -348,7 +408,8 @@ mod tests {
             ] {
                 assert_eq!(found.map(f64::to_bits), Some(wanted.to_bits()), "{seed}, {name}");
             }
-            let mut found = [x.clone(), x.clone(), x.clone()];
+            let mut found = [x.clone(), x.clone(), x.clone(), x.clone()];
+            scatter(sample.double(), 0.7, &mut found[3], &mut scratch).unwrap();
             scatter(sample.plain(), 0.7, &mut found[0], &mut scratch).unwrap();
             scatter(sample.compact(), 0.7, &mut found[1], &mut scratch).unwrap();
             scatter_compact_portable(
@@ -377,7 +438,7 @@ mod tests {
             vec![90_000],
         ] {
             let sample = Sample::new(&columns);
-            for row in [sample.plain(), sample.compact()] {
+            for row in [sample.plain(), sample.double(), sample.compact()] {
                 assert_eq!(dot(row, &x, &mut scratch), None, "{columns:?}");
                 assert_eq!(scatter(row, 1.0, &mut y, &mut scratch), None, "{columns:?}");
             }

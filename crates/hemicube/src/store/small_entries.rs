@@ -5,7 +5,7 @@
 //! steps add to the row's expected error, as if independent of it: √(e² + Σ (F' − F)²).
 
 use super::closure::{ClosureTally, narrow, share_of, target_of};
-use super::{Form, Part};
+use super::{FactorSlice, Form, Part};
 use serde::{Deserialize, Serialize};
 
 /// Default bound on the scaling of a row; an entry is scaled by its square at most.
@@ -41,13 +41,14 @@ impl SmallEntryRule {
         }
     }
 
-    pub(crate) fn keeps(self, factor: f32) -> bool {
-        f64::from(factor) >= self.least
+    pub(crate) fn keeps(self, factor: f64) -> bool {
+        factor >= self.least
     }
 
-    pub(crate) fn of(self, factor: f32) -> f32 {
+    /// What is left of a form factor, unrounded.
+    pub(crate) fn of(self, factor: f64) -> f64 {
         if self.keeps(factor) {
-            narrow(f64::from(factor) * self.scale)
+            factor * self.scale
         } else {
             0.0
         }
@@ -55,9 +56,8 @@ impl SmallEntryRule {
 }
 
 /// Sum of a row, and its sum without the entries below `least`.
-pub(crate) fn sums(factors: &[f32], least: f64) -> (f64, f64) {
-    factors.iter().fold((0.0, 0.0), |(whole, kept), &factor| {
-        let factor = f64::from(factor);
+pub(crate) fn sums(factors: FactorSlice<'_>, least: f64) -> (f64, f64) {
+    factors.iter().fold((0.0, 0.0), |(whole, kept), factor| {
         (whole + factor, if factor >= least { kept + factor } else { kept })
     })
 }
@@ -101,7 +101,7 @@ pub(crate) struct RowChange {
 /// Leaves small entries out of the last row of a part, from `start` on, and rounds the others. Updates `error`, the
 /// row's expected error.
 pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, error: &mut f32) -> RowChange {
-    let (whole, kept) = sums(&part.data[start..], min_factor);
+    let (whole, kept) = sums(part.data.tail(start), min_factor);
     let cut = if min_factor > 0.0 {
         SmallEntryRule::new(whole, kept, min_factor, MAX_SCALE)
     } else {
@@ -110,12 +110,12 @@ pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, e
     let mut end = start;
     let mut squares = 0.0;
     for place in start..part.data.len() {
-        let factor = part.data[place];
+        let factor = part.data.at(place);
         let stored = form.round(cut.of(factor));
-        squares += (f64::from(stored) - f64::from(factor)).powi(2);
+        squares += (stored - factor).powi(2);
         if cut.keeps(factor) {
             part.indices[end] = part.indices[place];
-            part.data[end] = stored;
+            part.data.set(end, stored);
             end += 1;
         }
     }
@@ -162,7 +162,7 @@ impl PartThinning {
         self.scale_max = self.scale_max.max(change.scale);
         if let Some(target) = target_of(part, row) {
             self.before.add(change.whole, target);
-            let stored: f64 = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+            let stored: f64 = part.row(row).1.iter().sum();
             self.after.add(stored, target);
         }
     }
@@ -238,7 +238,7 @@ mod tests {
     fn part(data: &[f32]) -> Part {
         Part {
             indices: (0..).step_by(2).take(data.len()).collect(),
-            data: data.to_vec(),
+            data: data.to_vec().into(),
             ..Part::default()
         }
     }
@@ -249,12 +249,12 @@ mod tests {
         let mut error = 0.3f32;
         let change = keep(&mut row, 1, 0.05, Form::Plain, &mut error);
         assert_eq!(row.indices, [0, 2, 6, 10]);
-        let sum: f64 = row.data[1..].iter().map(|&factor| f64::from(factor)).sum();
+        let sum: f64 = row.data.tail(1).iter().sum();
         assert!((sum - 1.0).abs() < 1e-7 && (change.whole - 1.0).abs() < 1e-7);
-        assert!((f64::from(row.data[1]) / f64::from(row.data[2]) - 5.0 / 3.0).abs() < 1e-6);
+        assert!((row.data.at(1) / row.data.at(2) - 5.0 / 3.0).abs() < 1e-6);
         assert_eq!((change.entries_dropped, change.kept_whole), (2, false));
         assert!((change.dropped - 0.03).abs() < 1e-8 && (change.scale - 1.0 / 0.97).abs() < 1e-7);
-        assert_eq!(row.data[0], 9.0, "another row was touched");
+        assert_eq!(row.data.at(0), 9.0, "another row was touched");
         let moved = [0.5, 0.3, 0.17].map(|factor| (factor / 0.97 - factor) * (factor / 0.97 - factor));
         let squares = 0.09 + moved.iter().sum::<f64>() + 0.01f64.powi(2) + 0.02f64.powi(2);
         assert!((f64::from(error) - squares.sqrt()).abs() < 1e-6);
@@ -283,8 +283,8 @@ mod tests {
         let mut row = part(&[0.1, 0.2]);
         let mut error = 0.0;
         keep(&mut row, 0, 0.0, Form::Compact, &mut error);
-        assert_ne!(row.data, [0.1, 0.2]);
-        let off = [0.1f32, 0.2].map(|factor| f64::from(Form::Compact.round(factor)) - f64::from(factor));
+        assert!(row.data != [0.1, 0.2][..]);
+        let off = [0.1f32, 0.2].map(|factor| Form::Compact.round(factor.into()) - f64::from(factor));
         assert!((f64::from(error) - (off[0].powi(2) + off[1].powi(2)).sqrt()).abs() < 1e-10);
     }
 }

@@ -8,7 +8,7 @@ use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::read::{CUT_OFF, PASSED, RUN, SHARES, THINNING};
 use super::{
-    Error, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums, RowTable,
+    Error, FactorSlice, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums, RowTable,
     Shard, compact, validate,
 };
 use std::collections::BTreeMap;
@@ -485,19 +485,29 @@ fn write_archive(
 /// last; a part is in memory anyway.
 fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Result<(Vec<u8>, String)> {
     let (rows, entries, columns) = (part.rows.len() as u64, part.data.len() as u64, u64::from(patch_count));
-    let per_entry = if form.is_plain() { 8 } else { 3 };
+    let per_entry = match form {
+        Form::Plain => 8,
+        Form::Compact => 3,
+        Form::Double => 12,
+    };
     let capacity = 4096 + per_entry * part.data.len() + 88 * part.rows.len();
     let mut npz = NpzWriter::new(Cursor::new(Vec::with_capacity(capacity)));
     match form {
-        Form::Plain => {
+        Form::Plain | Form::Double => {
             npz.csr_preamble(rows, columns)?;
-            npz.array("data", &[entries], &part.data)?;
+            match part.data.as_slice() {
+                FactorSlice::Single(factors) => npz.array("data", &[entries], factors)?,
+                FactorSlice::Double(factors) => npz.array("data", &[entries], factors)?,
+            }
             npz.array("indices", &[entries], &part.indices)?;
         }
         Form::Compact => {
             npz.preamble(b"run", rows, columns)?;
             let misfit = || io::Error::other("a form factor does not fit the compact form");
-            let codes: Option<Vec<u16>> = part.data.iter().map(|&factor| compact::code(factor)).collect();
+            let FactorSlice::Single(factors) = part.data.as_slice() else {
+                return Err(misfit());
+            };
+            let codes: Option<Vec<u16>> = factors.iter().map(|&factor| compact::code(factor)).collect();
             npz.array("codes", &[entries], &codes.ok_or_else(misfit)?)?;
             let runs = compact::Runs::new(&part.indptr, &part.indices);
             let count = runs.gaps.len() as u64;

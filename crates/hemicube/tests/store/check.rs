@@ -110,8 +110,8 @@ fn form_factors_that_are_not_the_visible_weight_are_found() {
     // A change of 1e-5 of a factor of a few hundredths is within the closure bound, and not within f32's rounding.
     let found = doctored(|part| {
         let (_, range) = busy_row(part);
-        let largest = range.max_by(|&a, &b| part.data[a].total_cmp(&part.data[b])).unwrap();
-        part.data[largest] *= 1.0 + 5e-6;
+        let largest = range.max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b))).unwrap();
+        part.data.set(largest, part.data.at(largest) * (1.0 + 5e-6));
     });
     assert!(
         found.contains(&Check::Visible) && !found.contains(&Check::Closure),
@@ -133,7 +133,7 @@ fn form_factors_that_are_not_the_visible_weight_are_found() {
 #[test]
 fn form_factors_out_of_range_are_found() {
     for value in [-1e-6, 1.000_001, f32::NAN, f32::INFINITY] {
-        let found = doctored(|part| part.data[2] = value);
+        let found = doctored(|part| part.data.set(2, f64::from(value)));
         assert!(found.contains(&Check::Range), "{value}: {found:?}");
     }
 }
@@ -170,7 +170,7 @@ fn a_patch_that_sees_itself_is_found() {
             .find(|&place| part.indices[place] > own)
             .unwrap_or(range.end - 1);
         part.indices[place] = own;
-        part.data[place] = part.data[place].max(1e-6);
+        part.data.set(place, part.data.at(place).max(1e-6));
     });
     assert!(found.contains(&Check::Diagonal), "{found:?}");
 }
@@ -179,8 +179,8 @@ fn a_patch_that_sees_itself_is_found() {
 fn rows_that_do_not_close_are_found_within_the_stated_bound() {
     let lose = |part: &mut Part| {
         let (_, range) = busy_row(part);
-        let largest = range.max_by(|&a, &b| part.data[a].total_cmp(&part.data[b])).unwrap();
-        part.data[largest] -= 1e-3;
+        let largest = range.max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b))).unwrap();
+        part.data.set(largest, part.data.at(largest) - 1e-3);
     };
     let (directory, sample) = written(22);
     let mut part = sample.parts[1].clone();
@@ -276,7 +276,7 @@ fn pair(directory: &Path, forward: f32, backward: f32) {
     part.rows = vec![0, 1];
     part.indptr = vec![0, 1, 2];
     part.indices = vec![1, 0];
-    part.data = vec![forward, backward];
+    part.data = vec![forward, backward].into();
     part.hemicubes = vec![1, 1];
     part.errors = vec![0.0; 2];
     part.rays = vec![0; 2];
@@ -362,7 +362,7 @@ fn a_patch_sees_itself_only_where_its_elements_lie_in_no_plane() {
             indptr: vec![0, 2, 4, 6],
             rows: vec![2, 0, 1],
             indices: vec![1, 2, 0, 1, 1, 2],
-            data: [[0.5 - own, own], [own, 0.5 - own], [own, 0.5 - own]].concat(),
+            data: [[0.5 - own, own], [own, 0.5 - own], [own, 0.5 - own]].concat().into(),
             sums: vec![sums; 3],
             shares: vec![RowShares::of_hemicubes(&sums, count); 3],
             hemicubes: vec![count; 3],

@@ -14,7 +14,8 @@ fn doctored_part(part: &mut Part, random: &mut Random) -> &'static str {
     let row = random.below(part.rows.len() as u64) as usize;
     match random.below(9) {
         0 => {
-            part.data[entry] = [f32::NAN, f32::INFINITY, -1e-3, 2.5, f32::MAX][random.below(5) as usize];
+            let wrong = [f64::NAN, f64::INFINITY, -1e-3, 2.5, f32::MAX.into()];
+            part.data.set(entry, wrong[random.below(5) as usize]);
             "factor"
         }
         1 => {
@@ -139,7 +140,7 @@ fn products(directory: &Path, scratch: &Path) -> Vec<Result<Vec<u64>, String>> {
             let (patch, row) = row?;
             found.push(u64::from(patch.0));
             found.extend(row.indices.iter().map(|&column| u64::from(column)));
-            found.extend(row.data.iter().map(|&factor| u64::from(factor.to_bits())));
+            found.extend(row.data.iter().map(f64::to_bits));
         }
         Ok(found)
     };
@@ -148,7 +149,7 @@ fn products(directory: &Path, scratch: &Path) -> Vec<Result<Vec<u64>, String>> {
         for place in 0..store.manifest().parts.len() {
             let part = store.part(place)?.unwrap();
             found.extend(part.rows.iter().map(|&row| u64::from(row)));
-            found.extend(part.data.iter().map(|&factor| u64::from(factor.to_bits())));
+            found.extend(part.data.iter().map(f64::to_bits));
             found.extend(part.indices.iter().map(|&column| u64::from(column.cast_unsigned())));
         }
         Ok(found)
@@ -209,7 +210,7 @@ fn is_found(directory: &Path) -> bool {
 }
 
 fn mutants(count: u64, seed: u64) {
-    let whole: Vec<(tempfile::TempDir, Sample)> = [Form::Plain, Form::Compact]
+    let whole: Vec<(tempfile::TempDir, Sample)> = [Form::Plain, Form::Compact, Form::Double]
         .into_iter()
         .map(|form| {
             let place = tempfile::tempdir().unwrap();

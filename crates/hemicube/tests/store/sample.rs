@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test program uses its share")]
 
 use hemicube::store::{
-    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store, StoreWriter,
+    BackendEntry, FactorVec, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store, StoreWriter,
 };
 use npyz::WriterBuilder;
 use serde_json::json;
@@ -99,7 +99,7 @@ fn push_row(part: &mut Part, patch: u32, patch_count: u32, random: &mut Random) 
                 let weight = random.below(left / 8 + 1);
                 left -= weight;
                 part.indices.push(column as i32);
-                part.data.push((weight as f64 / whole as f64) as f32);
+                part.data.push(weight as f64 / whole as f64);
             }
         }
     }
@@ -125,8 +125,12 @@ impl Sample {
     /// The same matrix as a store of another form keeps it.
     pub(crate) fn in_form(mut self, form: Form) -> Self {
         self.header.form = form;
-        for factor in self.parts.iter_mut().flat_map(|part| &mut part.data) {
-            *factor = form.round(*factor);
+        for part in &mut self.parts {
+            let mut data = FactorVec::new(form.precision());
+            // Where f64 is kept, what f32 does not hold.
+            let finer = if form == Form::Double { 1.0 - 1e-12 } else { 1.0 };
+            part.data.iter().for_each(|factor| data.push(form.round(factor * finer)));
+            part.data = data;
         }
         self
     }
@@ -145,14 +149,14 @@ impl Sample {
     }
 
     /// The whole matrix: rows that were not computed are `None`.
-    pub(crate) fn dense(&self) -> Vec<Option<Vec<f32>>> {
+    pub(crate) fn dense(&self) -> Vec<Option<Vec<f64>>> {
         let count = self.header.patch_count as usize;
         let mut rows = vec![None; count];
         for part in &self.parts {
             for (row, &patch) in part.rows.iter().enumerate() {
                 let mut dense = vec![0.0; count];
                 let (columns, factors) = part.row(row);
-                for (&column, &factor) in columns.iter().zip(factors) {
+                for (&column, factor) in columns.iter().zip(factors) {
                     dense[column as usize] = factor;
                 }
                 rows[patch as usize] = Some(dense);
@@ -287,7 +291,13 @@ pub(crate) fn doctor_part(directory: &Path, part: &Part) {
     replace_members(
         &path,
         &[
-            ("data", npy(&[entries], &part.data)),
+            (
+                "data",
+                match &part.data {
+                    FactorVec::Single(data) => npy(&[entries], data),
+                    FactorVec::Double(data) => npy(&[entries], data),
+                },
+            ),
             ("indices", npy(&[entries], &part.indices)),
             ("indptr", npy(&[rows + 1], &part.indptr)),
             ("rows", npy(&[rows], &part.rows)),

@@ -12,7 +12,8 @@ STEFAN_BOLTZMANN: float
 _Axis = Literal["x", "y", "z"]
 _Path = str | PathLike[str]
 _Floats = NDArray[np.float64]
-_Row = tuple[int, NDArray[np.int32] | NDArray[np.int64], NDArray[np.float32]]
+_Factors = NDArray[np.float32] | NDArray[np.float64]
+_Row = tuple[int, NDArray[np.int32] | NDArray[np.int64], _Factors]
 
 @final
 class Scene:
@@ -47,6 +48,7 @@ class Scene:
         split: int | None = None,
         patch_size: float | None = None,
         keep_duplicates: bool = False,
+        allow_large: bool = False,
     ) -> Scene: ...
     @classmethod
     def generate(cls, kind: str, patches: int, *, seed: int = 1) -> Scene: ...
@@ -118,7 +120,7 @@ class Matrix:
     def csr(self) -> csr_matrix: ...
     def row(
         self, patch: int
-    ) -> tuple[NDArray[np.int32] | NDArray[np.int64], NDArray[np.float32]] | None: ...
+    ) -> tuple[NDArray[np.int32] | NDArray[np.int64], _Factors] | None: ...
     def rows(self, *, stored_order: bool = False) -> Rows: ...
     def __iter__(self) -> Rows: ...
     def multiply(self, x: ArrayLike, *, threads: int = 0) -> _Floats: ...
@@ -287,7 +289,7 @@ def compute(
     patches: Literal["triangle", "face", "object", "material"] | None = None,
     min_factor: float | None = None,
     output: _Path | None = None,
-    store: Literal["plain", "compact"] | None = None,
+    store: Literal["plain", "compact", "double"] | None = None,
     overwrite: bool = False,
     backend: str = "cpu",
     backend_dir: _Path | None = None,

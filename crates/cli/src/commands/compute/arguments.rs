@@ -79,10 +79,10 @@ pub(crate) struct Arguments {
     pub(crate) selection: SelectionSettings,
     #[command(flatten)]
     pub(crate) portals: PortalSettings,
-    /// plain: f32, opens in SciPy; compact: a third to a quarter of that, F within 0.05 % of itself; auto: by size
+    /// plain: f32, opens in SciPy; compact: a third to a quarter, F within 0.05 %; double: f64; auto: by size
     #[arg(
         long,
-        value_name = "auto|plain|compact",
+        value_name = "auto|plain|compact|double",
         default_value = "auto",
         hide_possible_values = true,
         help_heading = "What is kept"
@@ -146,6 +146,8 @@ pub(crate) enum StoreForm {
     Plain,
     /// Smaller.
     Compact,
+    /// Form factors in f64.
+    Double,
 }
 
 impl StoreForm {
@@ -155,6 +157,7 @@ impl StoreForm {
             Self::Auto => None,
             Self::Plain => Some(Form::Plain),
             Self::Compact => Some(Form::Compact),
+            Self::Double => Some(Form::Double),
         }
     }
 }

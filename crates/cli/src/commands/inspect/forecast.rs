@@ -21,6 +21,10 @@ use std::time::Instant;
 const SAMPLE: u32 = 64;
 /// Rows of each stratum for the forecast of entries and time.
 const ROWS_EACH: usize = 32;
+/// The most, in scenes of less than [`SMALL`] patches: rows are cheap there, and a few of them take most of the time.
+const ROWS_EACH_MAX: usize = 128;
+/// Patches from which on [`ROWS_EACH`] are drawn.
+const SMALL: usize = 10_000;
 /// Standard errors on either side of the forecast.
 const STANDARD_ERRORS: f64 = 2.0;
 
@@ -129,6 +133,13 @@ struct Work {
     measured: f64,
     /// Seconds of its slowest row.
     slowest: f64,
+    /// Seconds before the first row, on one thread: to start, read and cut the scene, and load it into the backend.
+    start: f64,
+}
+
+/// Rows drawn from each stratum of a scene of `patches`.
+fn rows_each(patches: usize) -> usize {
+    (ROWS_EACH * SMALL / patches.max(1)).clamp(ROWS_EACH, ROWS_EACH_MAX)
 }
 
 impl Work {
@@ -157,7 +168,12 @@ impl Work {
         let error = STANDARD_ERRORS * self.variance.sqrt();
         let least = (self.seconds - error).max(self.measured) / threads;
         let most = (self.seconds + error) / threads + self.slowest * (1.0 - 1.0 / threads);
-        [least.max(self.slowest), most.max(self.slowest)]
+        [least, most].map(|seconds| self.start + seconds.max(self.slowest))
+    }
+
+    /// Seconds of a run by some threads.
+    fn run(&self, threads: usize) -> f64 {
+        self.start + (self.seconds / threads.max(1) as f64).max(self.slowest)
     }
 
     /// Measures rows of every stratum with the built-in settings of `compute`, on one thread.
@@ -169,7 +185,7 @@ impl Work {
         seed: u64,
     ) -> Result<Self> {
         let mut work = Self::default();
-        let strata = strata(model, plan, ROWS_EACH, seed);
+        let strata = strata(model, plan, rows_each(plan.rows.len()), seed);
         let run = |sample: &[InputPatch]| {
             let some = Plan {
                 rows: sample.to_vec(),
@@ -180,6 +196,7 @@ impl Work {
                 ..Execution::default()
             };
             let (mut parts, mut begun) = (Vec::<Part>::new(), None);
+            let opened = processor_seconds();
             // The first report comes once the scene is loaded.
             let mut progress = |_| {
                 begun.get_or_insert_with(|| (processor_seconds(), Instant::now()));
@@ -194,21 +211,24 @@ impl Work {
                 }
                 _ => 1.0,
             };
-            anyhow::Ok((summary, share.min(1.0)))
+            let loading = begun.map_or(0.0, |(processor, _)| processor - opened);
+            anyhow::Ok((summary, share.min(1.0), loading))
         };
         // The first rows fetch the scene into the caches, like the start of a full run.
         if let Some(last) = strata.last() {
-            run(&last.sample)?;
+            let (.., loading) = run(&last.sample)?;
+            work.start = loading;
         }
         for stratum in &strata {
-            let (summary, share) = run(&stratum.sample)?;
+            let (summary, share, _) = run(&stratum.sample)?;
             work.add(stratum.rows, &summary, share);
         }
         Ok(work)
     }
 }
 
-/// Forecasts a run of all rows by the settings.
+/// Forecasts a run of all rows by the settings. `prepared` is the processor's seconds that starting, reading and cutting
+/// took.
 ///
 /// # Errors
 /// When the backend fails.
@@ -216,6 +236,7 @@ pub(super) fn forecast(
     model: &Model,
     render: &RenderArguments,
     seed: u64,
+    prepared: f64,
     backend: &mut dyn HemicubeBackend,
 ) -> Result<Forecast> {
     let rotate = render.rotation == Switch::On;
@@ -228,7 +249,8 @@ pub(super) fn forecast(
     backend.load(model.geometry(), settings)?;
     let sight = Sight::measure(model, render, &plan(RowChoice::Sample { count: SAMPLE, seed }), backend)?;
     let corrected = plan(RowChoice::All).with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
-    let work = Work::measure(model, render, &corrected, settings, seed)?;
+    let mut work = Work::measure(model, render, &corrected, settings, seed)?;
+    work.start += prepared;
     let entries = work.entries;
     let patch_count = model.patches().len() as f64;
     let threads = render.thread_count();
@@ -252,7 +274,7 @@ pub(super) fn forecast(
         bytes_compact: entries * COMPACT_ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
         memory_bytes,
         threads,
-        seconds: Some((work.seconds / threads as f64).max(work.slowest)),
+        seconds: Some(work.run(threads)),
         seconds_range: Some(work.range(threads)),
     })
 }
@@ -285,6 +307,10 @@ mod tests {
         assert_eq!(work.range(1), [60.0, 60.0]);
         // One row may keep two threads waiting.
         assert_eq!(work.range(2), [40.0, 50.0]);
+        // What comes before the rows is not divided.
+        let started = Work { start: 5.0, ..work };
+        assert_eq!((started.range(1), started.range(2)), ([65.0, 65.0], [45.0, 55.0]));
+        assert_eq!((started.run(1), started.run(2)), (65.0, 45.0));
         work.add(1000, &found(4, &[0.1, 0.1, 0.2, 0.2]), 1.0);
         assert!((work.seconds - 210.0).abs() < 1e-9 && work.entries == 10_020.0);
         let [least, most] = work.range(1);
@@ -292,6 +318,12 @@ mod tests {
             100.0 < least && least < 210.0 && 210.0 < most && most < 320.0,
             "{least} to {most}"
         );
+    }
+
+    #[test]
+    fn more_rows_are_drawn_from_small_scenes() {
+        let drawn = [1, 2_500, 5_000, 10_000, 1_000_000].map(rows_each);
+        assert_eq!(drawn, [128, 128, 64, 32, 32]);
     }
 
     #[test]

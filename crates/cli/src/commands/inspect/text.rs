@@ -221,7 +221,7 @@ fn add_cost(list: &mut Listing, report: &Report) {
         None,
     );
     let on_disk = match keep.form {
-        Form::Plain => format!("{} on disk ({} with `--store compact`)", size(bytes), size(compact)),
+        Form::Plain | Form::Double => format!("{} on disk ({} with `--store compact`)", size(bytes), size(compact)),
         Form::Compact => format!(
             "less than {} on disk without form factors below {:e} ({} with `--store plain --min-factor 0`)",
             size(compact),
@@ -243,6 +243,7 @@ fn add_cost(list: &mut Listing, report: &Report) {
             .memory_bytes
             .map_or_else(String::new, |bytes| format!(", in at most {} of memory", size(bytes)));
         let time = match forecast.seconds_range {
+            Some([_, most]) if most < 1.0 => "less than a second".to_owned(),
             Some([least, most]) if most > WIDE * least => format!("{} to {}", duration(least), duration(most)),
             _ => format!("about {}", duration(seconds)),
         };

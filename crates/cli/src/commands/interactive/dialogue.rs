@@ -4,8 +4,9 @@ use super::ask::{Answer, Ask, Item, Left, Menu, Text, wrapped};
 use super::found::{self, Found, Place, SceneFile};
 use super::line::Line;
 use super::settings::{Kind, OFFERED, Offered, Settings};
+use crate::prepare::axis_name;
 use crate::report::size;
-use hemicube_scene::Format;
+use hemicube_scene::{Axis, Format};
 use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -277,9 +278,10 @@ impl Dialogue<'_> {
                 Some(Look::Compare) => self.compare(Some(store))?,
                 Some(Look::Report) => {
                     let Some(scene) = self.scene_of(store)? else { continue };
+                    let Some(up) = self.up_of(store, &scene)? else { continue };
                     if let Some((page, replaces)) = self.file(&file(".html"))? {
                         let line = self.line("report").with_path(store).with_path(&scene);
-                        let line = line.with("-o").with_path(&page);
+                        let line = line.with("-o").with_path(&page).with_all(up);
                         self.go(&if replaces { line.with("--overwrite") } else { line })?;
                     }
                 }
@@ -386,6 +388,28 @@ impl Dialogue<'_> {
             (Some(scene), None) => Ok(Some(scene.path)),
             _ => self.scene(&format!("Which file is its scene, {name}")),
         }
+    }
+
+    /// Options of the axis pointing up: none where the matrix or its scene tells, otherwise as answered, with the guess
+    /// highlighted.
+    fn up_of(&mut self, store: &Path, scene: &Path) -> Answer<Vec<OsString>> {
+        let Some(guess) = found::guessed_up(store, scene) else {
+            return Ok(Some(Vec::new()));
+        };
+        self.explain(&format!(
+            "`{}` does not say which axis points up; {} is {}.",
+            scene.display(),
+            axis_name(guess.axis),
+            guess.reason
+        ));
+        let axes = [Axis::X, Axis::Y, Axis::Z];
+        let start = axes.iter().position(|&axis| axis == guess.axis).unwrap_or(0);
+        let options = axes.map(|axis| {
+            let note = if axis == guess.axis { "guessed" } else { "" };
+            (Item::new(axis_name(axis), note), axis)
+        });
+        let chosen = self.choose("Which axis points up", start, &options, "Back")?;
+        Ok(chosen.map(|axis| vec!["--up".into(), axis_name(axis).into()]))
     }
 
     /// Asks for one of the found and fitting matrices.

@@ -3,6 +3,7 @@
 use crate::report::{count, percent};
 use hemicube::store::{Form, Manifest, Store};
 use hemicube_scene::Format;
+use hemicube_scene::up::Up;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -86,6 +87,12 @@ impl Found {
             about: about(manifest),
         })
     }
+}
+
+/// The guess of the axis pointing up, where neither a matrix nor its scene tells. `None` also where they cannot be read:
+/// the command says why.
+pub(super) fn guessed_up(store: &Path, scene: &Path) -> Option<Up> {
+    crate::stored::guessed_up(&Store::open_trusting(store).ok()?, scene).ok()?
 }
 
 /// The matrices in the folders of a folder, by name.

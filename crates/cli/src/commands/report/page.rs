@@ -43,6 +43,8 @@ pub(super) struct Page<'a> {
     pub(super) bounds: Bounds,
     pub(super) up: Axis,
     pub(super) packed: Option<Packed>,
+    /// Number of triangles, where patches are several; block `patch-of` has the patch of each.
+    pub(super) elements: Option<usize>,
 }
 
 /// Description of the data, for the viewer.
@@ -57,6 +59,8 @@ struct Head<'a> {
     columns: &'a [Column],
     fields: &'a [Field],
     rows: Option<Packed>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elements: Option<usize>,
 }
 
 /// Escapes text for HTML, attributes included.
@@ -143,6 +147,7 @@ impl Page<'_> {
             columns: &blocks.columns,
             fields: &self.columns.fields,
             rows: self.packed,
+            elements: self.elements,
         };
         // The end of a script in a name must not end this one.
         let head = serde_json::to_string(&head)

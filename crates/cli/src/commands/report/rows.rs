@@ -10,7 +10,7 @@
 
 use super::blocks::Blocks;
 use anyhow::{Result, bail};
-use hemicube::store::{Form, PatchTable};
+use hemicube::store::{FactorSlice, Form, PatchTable};
 use serde::Serialize;
 
 /// Most rows deflated together, and about the most entries: one click unpacks all of them.
@@ -56,7 +56,8 @@ fn put(bytes: &mut Vec<u8>, mut number: u32) {
 
 /// The 16 bits of a form factor in the store's compact form.
 fn code(factor: f32) -> u16 {
-    let rounded = Form::Compact.round(factor);
+    #[allow(clippy::cast_possible_truncation, reason = "a number of the compact form")]
+    let rounded = Form::Compact.round(factor.into()) as f32;
     let bits = (rounded.to_bits() >> 13).saturating_sub(64 << 10);
     u16::try_from(bits).unwrap_or(u16::MAX)
 }
@@ -80,26 +81,27 @@ impl<'a> RowPacker<'a> {
     ///
     /// # Errors
     /// When it has a column that does not exist.
-    pub(super) fn add(&mut self, patch: u32, columns: &[i32], factors: &[f32]) -> Result<()> {
+    pub(super) fn add(&mut self, patch: u32, columns: &[i32], factors: FactorSlice<'_>) -> Result<()> {
         if self.entries == 0 {
             return Ok(());
         }
         self.largest.clear();
-        for (&column, &factor) in columns.iter().zip(factors) {
+        for (&column, factor) in columns.iter().zip(factors) {
             let found = u32::try_from(column)
                 .ok()
                 .and_then(|column| Some((column, *self.table.object.get(column as usize)?)));
             let Some((column, object)) = found else {
                 bail!("the row of patch {patch} has the column {column}, which does not exist")
             };
-            self.largest.push((column, factor));
+            #[allow(clippy::cast_possible_truncation, reason = "the page has 16 bits of it")]
+            self.largest.push((column, factor as f32));
             if let Some(sum) = self.sums.get_mut(object as usize)
                 && factor > 0.0
             {
                 if *sum == 0.0 {
                     self.reached.push(object);
                 }
-                *sum += f64::from(factor);
+                *sum += factor;
             }
         }
         // The largest; of equal ones, the first.

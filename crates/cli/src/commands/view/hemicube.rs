@@ -12,7 +12,6 @@ use crate::{portals, stored};
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use hemicube::InputPatch;
 use hemicube::backend::{Culling, Hemicube, RESOLUTIONS, RenderSettings, WHOLE};
 use hemicube::delta::DeltaTable;
 use hemicube::driver::room::Work;
@@ -20,6 +19,7 @@ use hemicube::face::{Face, Items};
 use hemicube::portal::Specular;
 use hemicube::portal::sight::{PathEnd, ThroughPortals};
 use hemicube::store::Store;
+use hemicube::{Grouping, InputPatch};
 use std::path::PathBuf;
 
 /// Part of a pixel's colour that is of what is seen in a mirror or through a pane.
@@ -39,7 +39,8 @@ pub(crate) struct Arguments {
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// The patch on which the hemicube stands; with --live the first one
+    /// The patch on which the hemicube stands; with --live the first one; of several triangles (`--store`) the one nearest
+    /// the centroid
     #[arg(long, value_name = "I", required_unless_present = "live")]
     pub(crate) patch: Option<u32>,
     /// Show hemicubes in a window as they are computed, in the order of the work: space stops and goes on, Esc ends
@@ -158,8 +159,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let prepared = match &arguments.store {
         Some(store) => {
             let store = of_store.insert(Store::open(store)?);
-            let instead = "leave `--store` out, and cut the scene as for the matrix: patches are then its triangles";
-            stored::require_triangles(store, "a hemicube stands on one triangle", instead)?;
             stored::scene(
                 store,
                 &arguments.scene,
@@ -169,18 +168,20 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         }
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels)?,
     };
-    let patch = InputPatch(arguments.patch.unwrap_or(0));
-    if patch.0 as usize >= prepared.patches.len() {
+    let asked = InputPatch(arguments.patch.unwrap_or(0));
+    let patches = prepared.grouping.as_ref().map_or(prepared.patches.len(), Grouping::len);
+    if asked.0 as usize >= patches {
         bail!(
             "`--patch {}`: the scene has {} patches, from 0 on",
-            patch.0,
-            count(prepared.patches.len() as u64)
+            asked.0,
+            count(patches as u64)
         );
     }
+    let patch = standing_of(&prepared, asked);
     let Some(output) = &arguments.output else {
         let live = Live {
             resolution: arguments.resolution,
-            first: arguments.patch,
+            first: arguments.patch.map(|_| patch.0),
             count: arguments.count,
             engine: &arguments.engine,
         };
@@ -193,14 +194,49 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let found = render(arguments, &prepared, patch, specular.as_ref(), talk)?;
     let heading = format!(
-        "patch {}: {}, hemicube of {} pixels",
-        patch.0,
+        "{}: {}, hemicube of {} pixels",
+        name_of(&prepared, asked, patch),
         title_of(arguments.show),
         arguments.resolution
     );
     picture(&found, &heading).save(output)?;
     talk.say(&format!("`{}`: {heading}", output.display()));
     Ok(Exit::Done)
+}
+
+/// The element that the hemicube of a patch stands on: the patch, or the element with the centroid nearest to that of the
+/// patch, the first of several.
+fn standing_of(prepared: &Prepared, patch: InputPatch) -> InputPatch {
+    let Some(grouping) = &prepared.grouping else {
+        return patch;
+    };
+    let elements = grouping.elements_of(&[patch]).pop().unwrap_or_default();
+    let of = |element: &InputPatch| (prepared.patches.area(*element), prepared.patches.centroid(*element));
+    let (mut area, mut sum) = (0.0, DVec3::ZERO);
+    for (own, centroid) in elements.iter().map(of) {
+        (area, sum) = (area + own, sum + own * centroid);
+    }
+    let middle = sum / area;
+    let distance = |element: &InputPatch| of(element).1.distance_squared(middle);
+    let nearest = elements
+        .iter()
+        .copied()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    nearest.unwrap_or(patch)
+}
+
+/// The patch, and where its hemicube stands.
+fn name_of(prepared: &Prepared, patch: InputPatch, element: InputPatch) -> String {
+    match &prepared.grouping {
+        None => format!("patch {}", patch.0),
+        Some(grouping) => format!(
+            "patch {}, {} {}, from triangle {} nearest its centroid",
+            patch.0,
+            grouping.kind().name(),
+            grouping.name_of(patch, &prepared.scene, &prepared.patches),
+            element.0
+        ),
+    }
 }
 
 /// A rendered hemicube, and the quantity of its picture.

@@ -168,8 +168,8 @@ fn row(store: &Store, patch: u32) -> Result<Scale> {
         .row(InputPatch(patch))?
         .ok_or_else(|| anyhow!("the row of patch {patch} was not computed"))?;
     let mut values = vec![f64::NAN; patches as usize];
-    for (&column, &factor) in row.indices.iter().zip(&row.data) {
-        values[column as usize] = f64::from(factor);
+    for (&column, factor) in row.indices.iter().zip(&row.data) {
+        values[column as usize] = factor;
     }
     Ok(Scale {
         logarithmic: true,

@@ -2,19 +2,22 @@
 //!
 //! ```text
 //! record  u32 row of the part (the entry's column)   u32 input patch of the entry's row   f32 form factor    12 bytes
+//!         or, of a double store,                                                         f64 form factor    16 bytes
 //! ```
 //!
 //! The runs lie one behind the other in one file, with lengths counted by a first pass, and are filled through small
 //! buffers: a file for each run would exceed the number of open files.
 
 use super::require_part;
-use crate::store::{Error, Result, Store};
+use crate::store::{Error, Precision, Result, Store};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Bytes of a record.
-pub(crate) const RECORD: usize = 12;
+pub(crate) const fn record_size(precision: Precision) -> usize {
+    8 + precision.size()
+}
 
 /// Bytes of all buffers together, as far as each has room for some records.
 const BUFFERS: usize = 64 << 20;
@@ -27,7 +30,7 @@ pub(crate) struct Record {
     /// The input patch of the entry's row: a column to that row.
     pub(crate) column: u32,
     /// The form factor.
-    pub(crate) factor: f32,
+    pub(crate) factor: f64,
 }
 
 /// The records of a part's row, and the rest. Records are sorted.
@@ -74,7 +77,7 @@ impl Survey {
             for (row, &patch) in part.rows.iter().enumerate() {
                 let (columns, factors) = part.row(row);
                 let mut before = -1;
-                for (&column, &factor) in columns.iter().zip(factors) {
+                for (&column, factor) in columns.iter().zip(factors) {
                     let exists = u32::try_from(column).is_ok_and(|column| column < manifest.patch_count);
                     // Through portals a patch may see itself.
                     let is_own = column == patch.cast_signed() && !manifest.has_portals();
@@ -111,6 +114,7 @@ impl Survey {
 #[derive(Debug)]
 pub(crate) struct Exchange {
     file: Scratch,
+    precision: Precision,
     /// First record of each part's run, and the end of the last one's.
     starts: Vec<u64>,
 }
@@ -123,29 +127,31 @@ impl Exchange {
             starts.push(starts.last().copied().unwrap_or(0) + count);
         }
         let mut file = Scratch::create(directory, "exchange")?;
-        let records = (BUFFERS / RECORD / survey.counts.len().max(1)).clamp(1 << 9, 1 << 16);
+        let precision = store.manifest().form.precision();
+        let size = record_size(precision);
+        let records = (BUFFERS / size / survey.counts.len().max(1)).clamp(1 << 9, 1 << 16);
         let mut next = starts.clone();
         let mut buffers: Vec<Vec<u8>> = vec![Vec::new(); survey.counts.len()];
         for place in 0..store.manifest().parts.len() {
             let part = require_part(store, place)?;
             for (row, patch) in part.rows.iter().enumerate() {
                 let (columns, factors) = part.row(row);
-                for (&column, &factor) in columns.iter().zip(factors) {
+                for (&column, factor) in columns.iter().zip(factors) {
                     let Some((other, other_row)) = survey.position_of(column.cast_unsigned()) else {
                         continue;
                     };
                     let Some(buffer) = buffers.get_mut(other) else { continue };
                     buffer.extend_from_slice(&other_row.to_le_bytes());
                     buffer.extend_from_slice(&patch.to_le_bytes());
-                    buffer.extend_from_slice(&factor.to_le_bytes());
-                    if buffer.len() >= records * RECORD {
-                        file.write_run(buffer, &mut next[other])?;
+                    precision.put(factor, buffer);
+                    if buffer.len() >= records * size {
+                        file.write_run(buffer, size, &mut next[other])?;
                     }
                 }
             }
         }
         for (buffer, next) in buffers.iter_mut().zip(&mut next) {
-            file.write_run(buffer, next)?;
+            file.write_run(buffer, size, next)?;
         }
         // The source is read twice: one that changed meanwhile would leave runs too short or overlapping.
         if next
@@ -158,7 +164,11 @@ impl Exchange {
                 "changed while it was read; balance it again when nothing writes to it",
             ));
         }
-        Ok(Self { file, starts })
+        Ok(Self {
+            file,
+            precision,
+            starts,
+        })
     }
 
     /// The records of a part, by row and column.
@@ -166,15 +176,15 @@ impl Exchange {
         let (Some(&start), Some(&end)) = (self.starts.get(place), self.starts.get(place + 1)) else {
             return Ok(Vec::new());
         };
-        let bytes = self.file.read(start * RECORD as u64, (end - start) * RECORD as u64)?;
+        let size = record_size(self.precision);
+        let bytes = self.file.read(start * size as u64, (end - start) * size as u64)?;
+        let word = |bytes: &[u8]| bytes.first_chunk().map_or(0, |&word| u32::from_le_bytes(word));
         let mut records: Vec<Record> = bytes
-            .as_chunks::<RECORD>()
-            .0
-            .iter()
-            .map(|&[a, b, c, d, e, f, g, h, i, j, k, l]| Record {
-                row: u32::from_le_bytes([a, b, c, d]),
-                column: u32::from_le_bytes([e, f, g, h]),
-                factor: f32::from_le_bytes([i, j, k, l]),
+            .chunks_exact(size)
+            .map(|record| Record {
+                row: word(record),
+                column: word(&record[4..]),
+                factor: self.precision.get(&record[8..]),
             })
             .collect();
         records.sort_unstable_by_key(|record| u64::from(record.row) << 32 | u64::from(record.column));
@@ -199,10 +209,10 @@ impl Scratch {
         Ok(Self { path, file })
     }
 
-    /// Writes whole records from record `next` on, and empties the buffer.
-    fn write_run(&mut self, buffer: &mut Vec<u8>, next: &mut u64) -> Result<()> {
-        self.write(*next * RECORD as u64, buffer)?;
-        *next += (buffer.len() / RECORD) as u64;
+    /// Writes whole records of `size` bytes from record `next` on, and empties the buffer.
+    fn write_run(&mut self, buffer: &mut Vec<u8>, size: usize, next: &mut u64) -> Result<()> {
+        self.write(*next * size as u64, buffer)?;
+        *next += (buffer.len() / size) as u64;
         buffer.clear();
         Ok(())
     }

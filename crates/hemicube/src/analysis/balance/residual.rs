@@ -9,7 +9,7 @@
 
 use super::Areas;
 use super::exchange::Record;
-use crate::store::Part;
+use crate::store::{FactorSlice, Part};
 use crate::store::Residuals;
 use crate::store::closure::{ClosureTally, share_of, target_of};
 
@@ -26,16 +26,16 @@ impl Tally {
     /// Adds a row of a part to the closure error. Returns the row's.
     pub(crate) fn row(&mut self, part: &Part, row: usize) -> f64 {
         let Some(target) = target_of(part, row) else { return 0.0 };
-        let sum: f64 = part.row(row).1.iter().map(|&factor| f64::from(factor)).sum();
+        let sum: f64 = part.row(row).1.iter().sum();
         self.closure.add(sum, target)
     }
 
     /// Adds F\[i, j\] and F\[j, i\]; each pair comes twice, once from either row.
-    pub(crate) fn pair(&mut self, areas: &Areas, i: u32, j: u32, forward: f32, backward: f32) {
+    pub(crate) fn pair(&mut self, areas: &Areas, i: u32, j: u32, forward: f64, backward: f64) {
         let (Some(&area_i), Some(&area_j)) = (areas.share.get(i as usize), areas.share.get(j as usize)) else {
             return;
         };
-        let (forward, backward) = (area_i * f64::from(forward), area_j * f64::from(backward));
+        let (forward, backward) = (area_i * forward, area_j * backward);
         let difference = forward - backward;
         self.difference += difference * difference;
         self.total += forward * forward;
@@ -56,13 +56,13 @@ impl Tally {
 
 /// The columns that a row has, or that have the row, ascending: column, F\[row, column\], F\[column, row\].
 pub(crate) fn merge<'a>(
-    (columns, factors): (&'a [i32], &'a [f32]),
+    (columns, factors): (&'a [i32], FactorSlice<'a>),
     records: &'a [Record],
-) -> impl Iterator<Item = (u32, Option<f32>, Option<f32>)> + 'a {
+) -> impl Iterator<Item = (u32, Option<f64>, Option<f64>)> + 'a {
     let mut forward = columns
         .iter()
         .map(|column| column.cast_unsigned())
-        .zip(factors.iter().copied())
+        .zip(factors.iter())
         .peekable();
     let mut backward = records.iter().peekable();
     std::iter::from_fn(move || {
@@ -74,7 +74,7 @@ pub(crate) fn merge<'a>(
             (None, Some((other, _))) => other,
             (None, None) => return None,
         };
-        let take = |found: Option<(u32, f32)>| found.filter(|&(other, _)| other == column).map(|(_, factor)| factor);
+        let take = |found: Option<(u32, f64)>| found.filter(|&(other, _)| other == column).map(|(_, factor)| factor);
         let (there, back) = (take(from_row), take(from_column));
         if there.is_some() {
             forward.next();
@@ -94,7 +94,7 @@ mod tests {
     fn a_merge_has_every_column_once() {
         let record = |column, factor| Record { row: 0, column, factor };
         let records = [record(1, 0.1), record(4, 0.4), record(5, 0.5)];
-        let merged: Vec<_> = merge((&[0, 4, 9], &[1.0, 2.0, 3.0]), &records).collect();
+        let merged: Vec<_> = merge((&[0, 4, 9], FactorSlice::Double(&[1.0, 2.0, 3.0])), &records).collect();
         let wanted = [
             (0, Some(1.0), None),
             (1, None, Some(0.1)),
@@ -103,7 +103,7 @@ mod tests {
             (9, Some(3.0), None),
         ];
         assert_eq!(merged, wanted);
-        assert_eq!(merge((&[], &[]), &[]).count(), 0);
+        assert_eq!(merge((&[], FactorSlice::default()), &[]).count(), 0);
     }
 
     #[test]
@@ -112,7 +112,7 @@ mod tests {
             share: vec![1.0, 0.25],
             root: vec![1.0, 0.5],
         };
-        let tally = |back: f32| {
+        let tally = |back: f64| {
             let mut tally = Tally::default();
             tally.pair(&areas, 0, 1, 0.1, back);
             tally.pair(&areas, 1, 0, back, 0.1);

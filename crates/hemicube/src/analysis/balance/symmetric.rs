@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! record  u32 column   f32 q = S / √(Aᵢ Aⱼ)    8 bytes; rows one behind the other, their lengths in memory
+//!         or, of a double store, f64           12 bytes
 //! ```
 //!
 //! q is symmetric and, being √(Fᵢⱼ Fⱼᵢ), within f32 whatever the areas are; S = A F need not be. With gᵢ = dᵢ √Aᵢ the
@@ -9,12 +10,14 @@
 
 use super::exchange::Scratch;
 use super::{Areas, BalanceOptions};
-use crate::store::Result;
-use crate::store::closure::{narrow, share_of};
+use crate::store::closure::share_of;
+use crate::store::{Precision, Result};
 use std::path::Path;
 
 /// Bytes of a record.
-pub(crate) const RECORD: usize = 8;
+pub(crate) const fn record_size(precision: Precision) -> usize {
+    4 + precision.size()
+}
 
 /// Every step goes further than to the minimum along its coordinate (successive over-relaxation, Young 1954): rows that
 /// face each other across a street converge in a third of the sweeps. At 2 nothing converges any more.
@@ -30,6 +33,7 @@ pub(crate) struct Symmetric<'a> {
     /// The input patch of each row.
     order: &'a [u32],
     rows_per_part: usize,
+    precision: Precision,
     /// Entries of each row.
     lengths: Vec<u32>,
     of_row: u32,
@@ -43,28 +47,30 @@ pub(crate) struct Symmetric<'a> {
 #[derive(Debug)]
 pub(crate) struct Block<'a> {
     bytes: Vec<u8>,
+    precision: Precision,
     patches: &'a [u32],
     lengths: &'a [u32],
 }
 
 impl Block<'_> {
     /// Its rows: columns and values.
-    pub(crate) fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = (u32, f32)> + '_> + '_ {
-        let mut left = self.bytes.as_chunks::<RECORD>().0;
+    pub(crate) fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = (u32, f64)> + '_> + '_ {
+        let (mut left, size, precision) = (&self.bytes[..], record_size(self.precision), self.precision);
         self.lengths.iter().map(move |&length| {
-            let (row, rest) = left.split_at((length as usize).min(left.len()));
+            let (row, rest) = left.split_at((length as usize * size).min(left.len()));
             left = rest;
-            row.iter().map(|&record| decode(record))
+            row.chunks_exact(size).map(move |record| decode(precision, record))
         })
     }
 
-    fn with_patches(&self) -> impl Iterator<Item = (u32, impl Iterator<Item = (u32, f32)> + '_)> + '_ {
+    fn with_patches(&self) -> impl Iterator<Item = (u32, impl Iterator<Item = (u32, f64)> + '_)> + '_ {
         self.patches.iter().copied().zip(self.rows())
     }
 }
 
-fn decode([a, b, c, d, e, f, g, h]: [u8; RECORD]) -> (u32, f32) {
-    (u32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h]))
+fn decode(precision: Precision, record: &[u8]) -> (u32, f64) {
+    let column = record.first_chunk().map_or(0, |&column| u32::from_le_bytes(column));
+    (column, precision.get(record.get(4..).unwrap_or_default()))
 }
 
 /// Effect of leaving out small entries.
@@ -85,6 +91,7 @@ pub(crate) struct Dropped {
 pub(crate) struct Scaling {
     /// dᵢ √Aᵢ by input patch.
     weights: Vec<f64>,
+    precision: Precision,
     pub(crate) sweeps: u32,
     pub(crate) converged: bool,
     pub(crate) rows_empty: u64,
@@ -96,10 +103,10 @@ pub(crate) struct Scaling {
 
 impl Scaling {
     /// F\[i, j\] of a symmetric entry.
-    pub(crate) fn factor(&self, areas: &Areas, i: u32, j: u32, value: f32) -> f32 {
+    pub(crate) fn factor(&self, areas: &Areas, i: u32, j: u32, value: f64) -> f64 {
         // The product of the weights does not depend on their order: both rows have the same exchange area.
-        let exchange = f64::from(value) * (at(&self.weights, i) * at(&self.weights, j));
-        narrow(exchange / at(&areas.share, i))
+        let exchange = value * (at(&self.weights, i) * at(&self.weights, j));
+        self.precision.round(exchange / at(&areas.share, i))
     }
 
     /// dᵢ dⱼ.
@@ -114,25 +121,26 @@ fn at(values: &[f64], patch: u32) -> f64 {
 }
 
 /// Σ qᵢⱼ gⱼ over a row, times what j keeps: four sums side by side, for the additions not to wait for each other.
-fn product(row: impl Iterator<Item = (u32, f32)>, weights: &[f64], kept: &[f64]) -> f64 {
+fn product(row: impl Iterator<Item = (u32, f64)>, weights: &[f64], kept: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     for (place, (column, value)) in row.enumerate() {
         let weight = at(weights, column) * if kept.is_empty() { 1.0 } else { at(kept, column) };
-        sums[place % 4] += f64::from(value) * weight;
+        sums[place % 4] += value * weight;
     }
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 impl<'a> Symmetric<'a> {
     /// An empty matrix in a file in `directory`.
-    pub(crate) fn create(directory: &Path, order: &'a [u32], rows_per_part: u32) -> Result<Self> {
+    pub(crate) fn create(directory: &Path, order: &'a [u32], rows_per_part: u32, precision: Precision) -> Result<Self> {
         Ok(Self {
             file: Scratch::create(directory, "symmetric")?,
             order,
             rows_per_part: rows_per_part.max(1) as usize,
+            precision,
             lengths: Vec::with_capacity(order.len()),
             of_row: 0,
-            buffer: Vec::with_capacity(BUFFER + RECORD),
+            buffer: Vec::with_capacity(BUFFER + record_size(precision)),
             written: 0,
             kept: Vec::new(),
         })
@@ -144,9 +152,9 @@ impl<'a> Symmetric<'a> {
     }
 
     /// Adds an entry to the row under way.
-    pub(crate) fn push(&mut self, column: u32, value: f32) {
+    pub(crate) fn push(&mut self, column: u32, value: f64) {
         self.buffer.extend_from_slice(&column.to_le_bytes());
-        self.buffer.extend_from_slice(&value.to_le_bytes());
+        self.precision.put(value, &mut self.buffer);
         self.of_row += 1;
     }
 
@@ -179,7 +187,7 @@ impl<'a> Symmetric<'a> {
 
     fn size_of(&self, place: usize) -> u64 {
         let lengths = self.lengths.get(self.rows_of(place)).unwrap_or_default();
-        lengths.iter().map(|&length| u64::from(length) * RECORD as u64).sum()
+        lengths.iter().map(|&length| u64::from(length) * record_size(self.precision) as u64).sum()
     }
 
     /// The rows of a part.
@@ -193,13 +201,14 @@ impl<'a> Symmetric<'a> {
         let rows = self.rows_of(place);
         Ok(Block {
             bytes,
+            precision: self.precision,
             patches: self.order.get(rows.clone()).unwrap_or_default(),
             lengths: self.lengths.get(rows).unwrap_or_default(),
         })
     }
 
     /// Calls `act` with the patch and the entries of every row.
-    fn each_row(&mut self, mut act: impl FnMut(u32, &mut dyn Iterator<Item = (u32, f32)>)) -> Result<()> {
+    fn each_row(&mut self, mut act: impl FnMut(u32, &mut dyn Iterator<Item = (u32, f64)>)) -> Result<()> {
         let mut start = 0;
         for place in 0..self.part_count() {
             let block = self.block_at(place, start)?;
@@ -219,7 +228,7 @@ impl<'a> Symmetric<'a> {
         self.each_row(|patch, row| {
             let (mut most, mut sum) = (0.0f64, 0.0);
             for (column, value) in row {
-                let exchange = f64::from(value) * (at(&areas.root, patch) * at(&areas.root, column));
+                let exchange = value * (at(&areas.root, patch) * at(&areas.root, column));
                 most = most.max(exchange);
                 sum += exchange;
             }
@@ -234,6 +243,7 @@ impl<'a> Symmetric<'a> {
             sums,
         };
         let (mut mass, mut lost) = (0.0, 0.0);
+        let precision = self.precision;
         let (mut read, mut written) = (0, 0);
         for place in 0..self.part_count() {
             let size = self.size_of(place);
@@ -245,14 +255,14 @@ impl<'a> Symmetric<'a> {
                 let mut only_as_largest = 0u64;
                 let mut large = 0u64;
                 for (column, value) in row {
-                    let exchange = f64::from(value) * (at(&areas.root, patch) * at(&areas.root, column));
+                    let exchange = value * (at(&areas.root, patch) * at(&areas.root, column));
                     mass += exchange;
                     let is_large = exchange >= least * at(&areas.share, patch).min(at(&areas.share, column));
                     let is_largest =
                         exchange > 0.0 && (exchange >= at(&largest, patch) || exchange >= at(&largest, column));
                     if is_large || is_largest {
                         kept.extend_from_slice(&column.to_le_bytes());
-                        kept.extend_from_slice(&value.to_le_bytes());
+                        precision.put(value, &mut kept);
                     } else {
                         lost += exchange;
                         dropped.entries += 1;
@@ -261,7 +271,7 @@ impl<'a> Symmetric<'a> {
                     only_as_largest += u64::from(is_largest && !is_large);
                 }
                 dropped.rows_kept += u64::from(large == 0 && only_as_largest > 0);
-                lengths.push(u32::try_from((kept.len() - before) / RECORD).unwrap_or(u32::MAX));
+                lengths.push(u32::try_from((kept.len() - before) / record_size(precision)).unwrap_or(u32::MAX));
             }
             // The end of the kept entries never reaches those still to be read.
             self.file.write(written, &kept)?;
@@ -286,6 +296,7 @@ impl<'a> Symmetric<'a> {
     ) -> Result<Scaling> {
         let mut scaling = Scaling {
             weights: areas.root.clone(),
+            precision: self.precision,
             sweeps: 0,
             converged: targets.iter().all(Option::is_none),
             rows_empty: 0,
