@@ -12,7 +12,8 @@ use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::Kind;
 use hemicube_tests::geometry::{box_inside, flipped, quad, scene_of};
-use hemicube_tests::scenes::{generated, model, program, read, say, scenes_or_skip};
+use hemicube_tests::runs::Place;
+use hemicube_tests::scenes::{generated, model, program, read, say, scenes_dir, scenes_or_skip, workspace};
 use serde_json::Value;
 use std::path::Path;
 
@@ -265,4 +266,50 @@ fn what_is_found_in_real_scenes() {
             _ => {}
         }
     }
+}
+
+/// Processor time of whole runs, by the command that a user has for it.
+#[test]
+#[ignore = "takes a minute of processor time: ./test --full"]
+fn times_foretold_are_within_twice_the_times_taken() {
+    let place = Place::new();
+    let mut scenes = Vec::new();
+    for (kind, patches) in [
+        ("room", 400),
+        ("room", 2_000),
+        ("city", 400),
+        ("city", 2_000),
+        ("maze", 1_000),
+        ("field", 1_000),
+    ] {
+        let scene = format!("{kind}-{patches}.obj");
+        place
+            .line(&format!("generate {kind} --patches {patches} -o {scene} -q"))
+            .is(0);
+        scenes.push(place.path(&scene));
+    }
+    scenes.push(workspace().join("crates/scene/data/cornell-box.obj"));
+    if let Some(folder) = scenes_dir() {
+        scenes.extend(["zurich-lv95-rawcoords.obj", "denhaag-8897.obj"].map(|name| folder.join("city").join(name)));
+    }
+    let forecasts = |within: &str| {
+        std::process::Command::new(workspace().join("scripts/forecasts"))
+            .args(["--within", within])
+            .args(&scenes)
+            .env("HEMICUBE_PROGRAM", program())
+            .output()
+            .expect("Python runs the script")
+    };
+    let ran = forecasts("2");
+    let said = format!(
+        "{}{}",
+        String::from_utf8_lossy(&ran.stdout),
+        String::from_utf8_lossy(&ran.stderr)
+    );
+    assert!(ran.status.success(), "{said}");
+    assert_eq!(said.lines().count(), 1 + scenes.len(), "{said}");
+    // No forecast is right to the millisecond.
+    let ran = forecasts("1.0001");
+    assert!(String::from_utf8_lossy(&ran.stderr).contains("further off than 1.0001 times"));
+    assert_eq!(ran.status.code(), Some(1));
 }

@@ -695,7 +695,9 @@ fn up_is_asked_for_where_nothing_tells() {
          f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 3 7 8 4\nf 2 6 7 3\nf 1 4 8 5\n",
     );
     place.line("compute cube.obj -o a.hemicube --resolution 64").is(0);
-    place.line("compute cube.obj -o told.hemicube --resolution 64 --up x").is(0);
+    place
+        .line("compute cube.obj -o told.hemicube --resolution 64 --up x")
+        .is(0);
     place.line("report a.hemicube cube.obj -o a.html").is(2);
     let terminal = Terminal::hemicube(&place);
     let up = "Which axis points up:";

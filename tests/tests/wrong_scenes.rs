@@ -166,6 +166,19 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
     );
     assert!(said[0].contains("`--flip all`"), "{said:?}");
     assert!(sentences(&inspected(&place, "out.obj --flip all")).is_empty());
+    // The closed table sees its own inside: the matrix has entries, and fails all the same.
+    let of = "--split 4 --no-config --resolution 64 --overwrite -o G";
+    place.line(&format!("compute out.obj {of}")).is(0);
+    let checked = place.line("check G").is(1).out;
+    assert!(
+        checked.contains("FAILED winding") && checked.contains("`--flip all`"),
+        "{checked}"
+    );
+    let report = place.line("check G --json").is(1).json();
+    assert_eq!(report["verdicts"]["quality"]["failed"], serde_json::json!(["winding"]));
+    assert!(report["entries"].as_u64().is_some_and(|entries| entries > 0));
+    place.line(&format!("compute out.obj {of} --flip all")).is(0);
+    place.line("check G").is(0);
     // What stands in it may face the right way.
     write(&place, "shell.obj", room(&all[..6]).as_bytes());
     let said = sentences(&inspected(&place, "shell.obj"));

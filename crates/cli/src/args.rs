@@ -232,6 +232,22 @@ pub(crate) struct Report {
     pub(crate) no_timings: bool,
 }
 
+/// A stored matrix to solve with, and the report: `solve`, `exchange`.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct StoredMatrix {
+    /// The matrix
+    #[arg(value_name = "DIR")]
+    pub(crate) store: PathBuf,
+    /// Worker threads; 0: one for each core
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub(crate) threads: u32,
+    /// Replace files that are there
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    #[command(flatten)]
+    pub(crate) report: Report,
+}
+
 /// Selection of rows and columns.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Rows and columns")]

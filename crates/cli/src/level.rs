@@ -2,7 +2,6 @@
 
 use crate::args::{Correction as Name, RenderSettings, Tolerance};
 use crate::exit::hinted;
-use crate::report::percent;
 use anyhow::{Result, anyhow};
 use hemicube::Model;
 use hemicube::accuracy::correct::Correction;
@@ -11,6 +10,7 @@ use hemicube::driver::calibrate::Calibration;
 use hemicube::driver::compute::{Execution, Selection};
 pub(crate) use hemicube::driver::level::percentage;
 use hemicube::driver::level::{Asked, LevelError};
+use hemicube::store::Form;
 
 /// The correction of a name.
 pub(crate) fn correction(name: Name) -> Correction {
@@ -74,7 +74,9 @@ pub(crate) fn explain(error: LevelError) -> anyhow::Error {
             ),
             match form {
                 Form::Compact => "`--store plain` rounds nothing",
-                Form::Plain | Form::Double => "below 0.000012% (1.2e-7) `--store double` is needed: form factors in f64",
+                Form::Plain | Form::Double => {
+                    "below 0.000012% (1.2e-7) `--store double` is needed: form factors in f64"
+                }
             },
         ),
         error => error.into(),

@@ -1,6 +1,6 @@
 //! A scene made ready for hemicubes: normalised coordinates, surfaces in the octree's order, and the order of work.
 
-use crate::backend::{Geometry, Hemicube, Surface};
+use crate::backend::{Cut, Geometry, Hemicube, Surface};
 use crate::frame;
 use crate::geometry::CompactTriangle;
 use glam::DVec3;
@@ -204,7 +204,9 @@ impl Model {
         }
         #[allow(clippy::cast_possible_truncation, reason = "at most 2³¹ patches")]
         let patch_count = patches.len() as u32;
-        let geometry = Arc::new(Geometry::new(surfaces, octree, patch_count, plane_tolerance));
+        let cuts = patches.cut_triangles().map(|(first, pieces)| Cut { first, pieces });
+        let geometry = Geometry::new(surfaces, octree, patch_count, plane_tolerance).with_cuts(cuts.collect());
+        let geometry = Arc::new(geometry);
         Ok(Self {
             patches,
             geometry,

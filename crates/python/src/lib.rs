@@ -19,6 +19,7 @@ mod heat;
 mod keywords;
 mod matrix;
 mod numbers;
+mod pandas;
 mod pickle;
 mod points;
 mod portals;
@@ -26,6 +27,7 @@ mod scene;
 mod session;
 mod sky;
 mod solve;
+mod views;
 
 use pyo3::prelude::*;
 
@@ -40,6 +42,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<solve::Solution>()?;
     module.add_class::<heat::HeatBySurface>()?;
     module.add_class::<exchange::Exchange>()?;
+    module.add_class::<views::Views>()?;
     module.add_class::<sky::Sky>()?;
     module.add_class::<points::Points>()?;
     module.add_function(wrap_pyfunction!(compute::compute, module)?)?;

@@ -1,9 +1,10 @@
 //! `hemicube.points`: rows of sensors.
 
 use crate::attended::attended;
-use crate::scene::{Scene, axis};
+use crate::scene::Scene;
 use crate::session::BackendChoice;
 use crate::sky::{interrupted, pairs, warn_of_places};
+use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
 use crate::{compute, errors, numbers};
 use glam::DVec3;
 use hemicube::backend::{Culling, RenderSettings};
@@ -12,30 +13,19 @@ use hemicube::points::{Body, PointOptions, Sensor, SensorRow, first_resolution, 
 use hemicube::sky::SensorPoint;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// View factors of sensors: a row each, of a cube one for each of its six sides (east, north, west, south, up, down).
-#[pyclass(frozen, module = "hemicube")]
+#[pyclass(frozen, extends = Views, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Points {
     rows: Vec<SensorRow>,
     scene: Py<Scene>,
 }
 
-impl Points {
-    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SensorRow) -> f64) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_vec(py, self.rows.iter().map(of).collect())
-    }
-}
-
 #[pymethods]
 impl Points {
-    fn __len__(&self) -> usize {
-        self.rows.len()
-    }
-
     fn __repr__(&self) -> String {
         format!("<hemicube.Points of {} rows>", self.rows.len())
     }
@@ -43,25 +33,7 @@ impl Points {
     /// View factor of the sky of each row: what escapes above the horizon.
     #[getter]
     fn sky<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| row.sky)
-    }
-
-    /// Share of each row that escapes below the horizon.
-    #[getter]
-    fn ground<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| row.ground)
-    }
-
-    /// Share of each row on backs of one-sided patches.
-    #[getter]
-    fn blocked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| row.blocked)
-    }
-
-    /// Change of each row by its last refinement; NaN without a tolerance.
-    #[getter]
-    fn changes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| row.change)
+        PyArray1::from_vec(py, self.rows.iter().map(|row| row.sky).collect())
     }
 
     /// True for rows that settled within the tolerance, and without one for all.
@@ -73,24 +45,8 @@ impl Points {
     /// View factors to each patch: a `scipy.sparse.csr_matrix`. Its row sums, `sky`, `ground` and `blocked` add up to
     /// 1.
     fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let (mut indptr, mut indices, mut data) = (vec![0_i64], Vec::<i64>::new(), Vec::new());
-        for row in &self.rows {
-            for &(patch, factor) in &row.patches {
-                indices.push(patch.0.into());
-                data.push(factor);
-            }
-            indptr.push(i64::try_from(data.len()).unwrap_or(i64::MAX));
-        }
-        let shape = (self.rows.len(), self.scene.get().patches.len());
-        let arrays = (
-            PyArray1::from_vec(py, data),
-            PyArray1::from_vec(py, indices),
-            PyArray1::from_vec(py, indptr),
-        );
-        let named = PyDict::new(py);
-        named.set_item("shape", shape)?;
-        py.import("scipy.sparse")?
-            .call_method("csr_matrix", (arrays,), Some(&named))
+        let rows = (self.rows.iter()).map(|row| row.patches.iter().map(|&(patch, factor)| (patch.0, factor)));
+        csr(py, rows, self.scene.get().patches.len())
     }
 
     /// View factors to each object, or with `by='material'` to each material, in the order of the scene's `objects` or
@@ -119,6 +75,28 @@ impl Points {
         PyArray1::from_vec(py, sums).reshape([self.rows.len(), count])
     }
 
+    /// A `pandas.DataFrame` of a line a row: view factors to objects, or with `by='material'` to materials, by their names,
+    /// and `(sky)`, `(ground)`, `(blocked)`. Needs pandas.
+    #[pyo3(signature = (by="object"))]
+    fn to_pandas<'py>(&self, py: Python<'py>, by: &str) -> PyResult<Bound<'py, PyAny>> {
+        let zones = self.zones(py, by)?;
+        let input = &self.scene.get().input;
+        let names: Vec<String> = match by {
+            "object" => input.objects.clone(),
+            _ => input.materials.iter().map(|material| material.name.clone()).collect(),
+        };
+        let frame = crate::pandas::frame(py, zones.as_any(), None, Some(&names))?;
+        let columns: [(&str, fn(&SensorRow) -> f64); 3] = [
+            ("(sky)", |row| row.sky),
+            ("(ground)", |row| row.ground),
+            ("(blocked)", |row| row.blocked),
+        ];
+        for (name, of) in columns {
+            frame.set_item(name, PyArray1::from_vec(py, self.rows.iter().map(of).collect()))?;
+        }
+        Ok(frame)
+    }
+
     /// Mean radiant temperature of each row in kelvin, by the radiosity of each patch in W/m² (`solve_heat`'s) and the
     /// temperatures of sky, ground and backs in kelvin; `ground` and `backs` are the sky's where they are not given.
     #[pyo3(signature = (radiosity, *, sky, ground=None, backs=None))]
@@ -137,7 +115,8 @@ impl Points {
                 "a temperature is {wrong}; kelvin from 0 on are needed"
             )));
         }
-        Ok(self.column(py, |row| row.mean_radiant_temperature(&radiosity, outside)))
+        let temperature = |row: &SensorRow| row.mean_radiant_temperature(&radiosity, outside);
+        Ok(PyArray1::from_vec(py, self.rows.iter().map(temperature).collect()))
     }
 }
 
@@ -186,22 +165,12 @@ pub(crate) fn points(
     engine: &str,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Points> {
+) -> PyResult<Py<Points>> {
     let given = scene;
     let scene = scene.get();
     let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
-    let up = match up {
-        Some(name) => axis(name)?,
-        None => hemicube_scene::up::up(&scene.input)
-            .known()
-            .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
-    };
-    if let Some(wrong) = tolerance.filter(|tolerance| !(1e-5..=0.5).contains(tolerance)) {
-        return Err(errors::input(format!(
-            "`tolerance` is {wrong}; a share from 0.00001 to 0.5 is needed"
-        )));
-    }
-    let horizon = Horizon::new(up, 0.0);
+    require_tolerance(tolerance)?;
+    let horizon = Horizon::new(views::up(scene, up)?, 0.0);
     let options = PointOptions {
         render: RenderSettings {
             resolution: compute::resolution(resolution.unwrap_or(first_resolution(tolerance)))?,
@@ -226,14 +195,7 @@ pub(crate) fn points(
     let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<SensorRow>>> {
         let mut sessions = Vec::new();
         for _ in options.resolutions() {
-            let session = backend.open()?;
-            if !session.info().capabilities.items {
-                return Err(errors::backend(format!(
-                    "backend `{}` hands out no item buffers, from which points are computed; `backend=\"cpu\"` does",
-                    session.info().name
-                )));
-            }
-            sessions.push(session);
+            sessions.push(require_items(backend.open()?, "points are computed")?);
         }
         rows_of_sensors(
             &scene.model,
@@ -246,10 +208,10 @@ pub(crate) fn points(
         )
         .map_err(|error| errors::compute(&error))
     })??;
-    Ok(Points {
-        rows: found.ok_or_else(interrupted)?,
-        scene: given.clone().unbind(),
-    })
+    let rows = found.ok_or_else(interrupted)?;
+    let shares = Views::new(rows.iter().map(|row| [row.ground, row.blocked, row.change]));
+    let scene = given.clone().unbind();
+    Py::new(py, (Points { rows, scene }, shares))
 }
 
 /// Sensors of arrays.
@@ -260,21 +222,11 @@ fn sensors(
 ) -> PyResult<Vec<Sensor>> {
     let positions = numbers::points(positions, "positions")?;
     let normals = normals.map(|normals| numbers::points(normals, "normals")).transpose()?;
-    if let Some(normals) = normals.as_ref().filter(|normals| normals.len() != positions.len()) {
-        return Err(errors::input(format!(
-            "there are {} positions and {} normals; as many are needed",
-            positions.len(),
-            normals.len()
-        )));
+    if let Some(normals) = &normals {
+        require_as_many(&positions, normals)?;
     }
     let sensor = |(point, position): (usize, &[f64; 3])| {
-        let position = DVec3::from_array(*position);
-        let normal = normals.as_ref().map(|normals| DVec3::from_array(normals[point]));
-        if !position.is_finite() || normal.is_some_and(|normal| normal.try_normalize().is_none()) {
-            return Err(errors::input(format!(
-                "point {point} has no place, or no direction to look in"
-            )));
-        }
+        let (position, normal) = placed(point, *position, normals.as_ref().map(|normals| normals[point]))?;
         Ok(Sensor {
             position,
             body: body(name, normal)?,

@@ -1,10 +1,10 @@
 //! `hemicube.sky`: views of the sky from patches and points.
 
 use crate::attended::attended;
-use crate::scene::{Scene, axis, warn};
+use crate::scene::{Scene, warn};
 use crate::session::BackendChoice;
+use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
 use crate::{compute, errors, numbers};
-use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
@@ -14,7 +14,6 @@ use hemicube::sky::{
 use numpy::PyArray1;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -22,45 +21,13 @@ use std::path::PathBuf;
 type Seen = Vec<(InputPatch, u64)>;
 
 /// Views of the sky and of the ground below the horizon, from patches or points.
-#[pyclass(frozen, module = "hemicube")]
+#[pyclass(frozen, extends = Views, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct Sky {
     division: SkyDivision,
     rows: Vec<SkyRow>,
     /// Views of patches from points, and the number of patches.
     seen: Option<(Vec<Seen>, usize)>,
-}
-
-/// A sparse matrix of fractions of the hemicubes.
-fn fractions<'py>(
-    py: Python<'py>,
-    rows: impl Iterator<Item = (Vec<(u32, u64)>, u64)>,
-    columns: usize,
-) -> PyResult<Bound<'py, PyAny>> {
-    let (mut indptr, mut indices, mut data) = (vec![0_i64], Vec::<i64>::new(), Vec::new());
-    for (entries, whole) in rows {
-        for (column, weight) in entries {
-            indices.push(column.into());
-            data.push(weight as f64 / whole as f64);
-        }
-        indptr.push(i64::try_from(data.len()).unwrap_or(i64::MAX));
-    }
-    let shape = (indptr.len() - 1, columns);
-    let arrays = (
-        PyArray1::from_vec(py, data),
-        PyArray1::from_vec(py, indices),
-        PyArray1::from_vec(py, indptr),
-    );
-    let named = PyDict::new(py);
-    named.set_item("shape", shape)?;
-    py.import("scipy.sparse")?
-        .call_method("csr_matrix", (arrays,), Some(&named))
-}
-
-impl Sky {
-    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SkyRow) -> f64) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_vec(py, self.rows.iter().map(of).collect())
-    }
 }
 
 fn share(weight: u64, row: &SkyRow) -> f64 {
@@ -70,12 +37,25 @@ fn share(weight: u64, row: &SkyRow) -> f64 {
     weight as f64 / row.whole() as f64
 }
 
+impl Sky {
+    /// The object of rows, with what both kinds of rows have in its base.
+    fn object(
+        py: Python<'_>,
+        division: SkyDivision,
+        rows: Vec<SkyRow>,
+        seen: Option<(Vec<Seen>, usize)>,
+    ) -> PyResult<Py<Self>> {
+        let shares = Views::new(rows.iter().map(|row| {
+            let first = row.columns.first().filter(|(column, _)| *column == 0);
+            let ground = share(first.map_or(0, |(_, weight)| *weight), row);
+            [ground, share(row.blocked, row), row.change]
+        }));
+        Py::new(py, (Self { division, rows, seen }, shares))
+    }
+}
+
 #[pymethods]
 impl Sky {
-    fn __len__(&self) -> usize {
-        self.rows.len()
-    }
-
     fn __repr__(&self) -> String {
         format!(
             "<hemicube.Sky of {} rows, {} patches of the sky>",
@@ -87,28 +67,7 @@ impl Sky {
     /// Sky view factor of each row: the share of the hemisphere, weighted by the cosine, that is sky.
     #[getter]
     fn view_factors<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, SkyRow::sky_view_factor)
-    }
-
-    /// Fraction of each row that escapes below the horizon.
-    #[getter]
-    fn ground<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| {
-            let first = row.columns.first().filter(|(column, _)| *column == 0);
-            share(first.map_or(0, |(_, weight)| *weight), row)
-        })
-    }
-
-    /// Fraction of each row on backs of one-sided patches.
-    #[getter]
-    fn blocked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| share(row.blocked, row))
-    }
-
-    /// Change of the sky view factor by the last refinement; NaN without one.
-    #[getter]
-    fn changes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.column(py, |row| row.change)
+        PyArray1::from_vec(py, self.rows.iter().map(SkyRow::sky_view_factor).collect())
     }
 
     /// Solid angle of each column in steradians; the first is the ground.
@@ -121,8 +80,11 @@ impl Sky {
     /// Fractions of each row to the ground (column 0) and to each patch of the sky, in the order of Radiance's
     /// `gendaymtx`: a `scipy.sparse.csr_matrix`.
     fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let rows = self.rows.iter().map(|row| (row.columns.clone(), row.whole()));
-        fractions(py, rows, self.division.columns() as usize)
+        let rows = self.rows.iter().map(|row| {
+            let columns = row.columns.iter();
+            columns.map(|&(column, weight)| (column, weight as f64 / row.whole() as f64))
+        });
+        csr(py, rows, self.division.columns() as usize)
     }
 
     /// Fractions of points' views on patches of the scene: a `scipy.sparse.csr_matrix`; None for rows of patches, whose
@@ -132,10 +94,10 @@ impl Sky {
             return Ok(None);
         };
         let rows = seen.iter().map(|row| {
-            let entries = row.iter().map(|(patch, weight)| (patch.0, *weight)).collect();
-            (entries, u64::from(WHOLE))
+            row.iter()
+                .map(|&(patch, weight)| (patch.0, weight as f64 / f64::from(WHOLE)))
         });
-        fractions(py, rows, *patches).map(Some)
+        csr(py, rows, *patches).map(Some)
     }
 }
 
@@ -172,17 +134,8 @@ impl Request {
                 "`division` is `{division}`; tregenza, or reinhart:1 to reinhart:{PARTS_MAX}, is needed"
             ))
         })?;
-        let up = match up {
-            Some(name) => axis(name)?,
-            None => hemicube_scene::up::up(&scene.input)
-                .known()
-                .ok_or_else(|| errors::input("the scene does not say which axis points up; `up=\"z\"` does"))?,
-        };
-        if let Some(wrong) = tolerance.filter(|tolerance| !(1e-5..=0.5).contains(tolerance)) {
-            return Err(errors::input(format!(
-                "`tolerance` is {wrong}; a share from 0.00001 to 0.5 is needed"
-            )));
-        }
+        let up = views::up(scene, up)?;
+        require_tolerance(tolerance)?;
         if tolerance.is_some() && samples != 1 {
             return Err(errors::input(
                 "`tolerance` chooses how many hemicubes there are; `samples` is for runs without",
@@ -212,14 +165,7 @@ impl Request {
     }
 
     fn open(&self) -> PyResult<Box<dyn HemicubeBackend>> {
-        let backend = self.backend.open()?;
-        if !backend.info().capabilities.items {
-            return Err(errors::backend(format!(
-                "backend `{}` hands out no item buffers, from which the sky is read; `backend=\"cpu\"` does",
-                backend.info().name
-            )));
-        }
-        Ok(backend)
+        require_items(self.backend.open()?, "the sky is read")
     }
 }
 
@@ -260,7 +206,7 @@ pub(crate) fn sky(
     engine: &str,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Sky> {
+) -> PyResult<Py<Sky>> {
     let scene = scene.get();
     let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
@@ -280,11 +226,7 @@ pub(crate) fn sky(
         )
         .map_err(|error| errors::compute(&error))
     })??;
-    Ok(Sky {
-        division: request.division,
-        rows: found.ok_or_else(interrupted)?,
-        seen: None,
-    })
+    Sky::object(py, request.division, found.ok_or_else(interrupted)?, None)
 }
 
 /// Warns of points that are not in the open, by their numbers.
@@ -352,7 +294,7 @@ pub(crate) fn sky_of_points(
     engine: &str,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Sky> {
+) -> PyResult<Py<Sky>> {
     let scene = scene.get();
     let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
@@ -360,26 +302,13 @@ pub(crate) fn sky_of_points(
     )?;
     let positions = numbers::points(positions, "positions")?;
     let normals = numbers::points(normals, "normals")?;
-    if positions.len() != normals.len() {
-        return Err(errors::input(format!(
-            "there are {} positions and {} normals; as many are needed",
-            positions.len(),
-            normals.len()
-        )));
-    }
-    let points = positions
-        .iter()
-        .zip(&normals)
-        .enumerate()
-        .map(|(point, (&position, &normal))| {
-            let (position, normal) = (DVec3::from_array(position), DVec3::from_array(normal));
-            if !position.is_finite() || normal.try_normalize().is_none() {
-                return Err(errors::input(format!(
-                    "point {point} has no place, or no direction to look in"
-                )));
-            }
-            Ok(SensorPoint { position, normal })
-        });
+    require_as_many(&positions, &normals)?;
+    let points = positions.iter().zip(&normals).enumerate();
+    let points = points.map(|(point, (&position, &normal))| {
+        let (position, normal) = placed(point, position, Some(normal))?;
+        let normal = normal.unwrap_or_default();
+        Ok(SensorPoint { position, normal })
+    });
     let points: Vec<SensorPoint> = points.collect::<PyResult<_>>()?;
     warn_of_places(py, scene, &points, request.horizon)?;
     let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<PointRow>>> {
@@ -400,9 +329,5 @@ pub(crate) fn sky_of_points(
         .into_iter()
         .map(|row| (row.patches, row.sky))
         .unzip();
-    Ok(Sky {
-        division: request.division,
-        rows,
-        seen: Some((seen, scene.patches.len())),
-    })
+    Sky::object(py, request.division, rows, Some((seen, scene.patches.len())))
 }

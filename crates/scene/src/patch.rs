@@ -118,6 +118,31 @@ impl Patches {
         Ok(patches)
     }
 
+    /// Triangles that were cut, in input order: the first patch, and the number of pieces of an edge, from 2 on.
+    ///
+    /// ```
+    /// use hemicube_scene::{InputPatch, Patches, Subdivision, generate::cornell_box};
+    /// let cut = Patches::new(&cornell_box(), Subdivision::Split(3))?;
+    /// assert_eq!(cut.cut_triangles().nth(2), Some((InputPatch(18), 3)));
+    /// # Ok::<(), hemicube_scene::Error>(())
+    /// ```
+    pub fn cut_triangles(&self) -> impl Iterator<Item = (InputPatch, u32)> + '_ {
+        let mut first = 0;
+        self.surface_of_patch
+            .chunk_by(|&one, &next| self.triangle_of(one) == self.triangle_of(next))
+            .filter_map(move |patches| {
+                let (patch, sides) = (InputPatch(first), if patches.last()? & BACK == 0 { 1 } else { 2 });
+                let count = u32::try_from(patches.len()).ok()?;
+                first += count;
+                let pieces = (count / sides).isqrt();
+                (pieces > 1).then_some((patch, pieces))
+            })
+    }
+
+    fn triangle_of(&self, surface: u32) -> u32 {
+        self.triangle_of_surface[(surface & !BACK) as usize]
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.surface_of_patch.len()

@@ -73,6 +73,9 @@ pub use options::Options;
 pub use plugin::{Device, DeviceKind, Log, Plugin, capabilities_from_raw, capabilities_to_raw};
 pub use types::HcBackend;
 
+/// The header for plugins in C.
+pub const C_HEADER: &str = include_str!("../include/hemicube_backend.h");
+
 /// Exports the table of a [`Plugin`] under the name `hemicube_backend`.
 ///
 /// Use it once in a linked image: two would be one symbol twice. A crate linked as an `rlib`, too, for its tests, must

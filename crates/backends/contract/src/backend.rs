@@ -95,6 +95,16 @@ pub struct Surface {
     pub back: Option<InputPatch>,
 }
 
+/// A triangle cut into `pieces`² surfaces with consecutive patches, row by row from its first edge
+/// (`hemicube_scene::Subdivision::cut`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// The first of its patches.
+    pub first: InputPatch,
+    /// Pieces of an edge, from 2 on.
+    pub pieces: u32,
+}
+
 /// What a backend is given to render: surfaces in the octree's order.
 ///
 /// Coordinates are normalised: the middle of the scene's box is the origin, and the longest half side lies in (½, 1],
@@ -109,6 +119,8 @@ pub struct Geometry {
     pub patch_count: u32,
     /// A corner nearer than this to the emitter's plane counts as lying in it, in normalised units.
     pub plane_tolerance: f64,
+    /// Triangles that the scene was cut from, as far as known: by the first patch of each, ascending.
+    cuts: Vec<Cut>,
     /// What was made of it, see [`Geometry::kept`].
     kept: Mutex<HashMap<TypeId, Kept>>,
 }
@@ -117,7 +129,7 @@ pub struct Geometry {
 type Kept = Arc<OnceLock<Arc<dyn Any + Send + Sync>>>;
 
 impl Clone for Geometry {
-    /// Without what is kept of it, so that a clone can be changed.
+    /// Without [`Geometry::cuts`] and what is kept of it, so that a clone can be changed.
     fn clone(&self) -> Self {
         Self::new(
             self.surfaces.clone(),
@@ -136,8 +148,23 @@ impl Geometry {
             octree,
             patch_count,
             plane_tolerance,
+            cuts: Vec::new(),
             kept: Mutex::default(),
         }
+    }
+
+    /// Says which triangles the surfaces were cut from, by the first patch of each, ascending. Backends take it as it
+    /// is.
+    #[must_use]
+    pub fn with_cuts(mut self, cuts: Vec<Cut>) -> Self {
+        self.cuts = cuts;
+        self
+    }
+
+    /// Triangles that the scene was cut from, as far as known: surfaces of none may be whole, or pieces of a triangle
+    /// that was cut before.
+    pub fn cuts(&self) -> &[Cut] {
+        &self.cuts
     }
 
     /// Makes a value of the scene once, whatever the number of sessions: one of each type, made when first asked for and

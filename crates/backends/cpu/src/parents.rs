@@ -19,9 +19,8 @@
 //! sub-pixel patches at the rim of a visible parent are added. Culling must not decide if a patch is asked for: unknown
 //! covered pixels of a parent are counted.
 //!
-//! No parents handed over by `Geometry`, because a file may hold triangles that were cut before, and their rows must
-//! not depend on who cut them: the search (`parents/search.rs`) would stay, and a caller's parents would have to
-//! be verified corner by corner all the same. Finding takes less time than the larger tree would.
+//! Triangles that the run cut are handed over ([`Geometry::cuts`]). Among the others, pieces of triangles that the file
+//! holds cut already are searched for (`parents/search.rs`): rows do not depend on who cut them.
 
 mod lattice;
 mod search;
@@ -55,7 +54,7 @@ pub(crate) struct ParentTriangles {
 }
 
 /// A parent triangle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ParentTriangle {
     /// Corners of the front, counter-clockwise.
     corners: [DVec3; 3],
@@ -414,6 +413,34 @@ mod tests {
         }
     }
 
+    /// A scene that does not say how it was cut has the parents of one that does.
+    fn assert_searched_likewise(parents: &ParentTriangles, geometry: &Geometry) {
+        let untold = Geometry::clone(geometry);
+        assert!(untold.cuts().is_empty() && !geometry.cuts().is_empty());
+        let searched = ParentTriangles::find(&untold).expect("found as well");
+        assert_eq!(parents.parents, searched.parents);
+    }
+
+    #[test]
+    fn pieces_of_the_file_are_found_beside_those_of_the_run() {
+        // A floor cut in 36 by the file, and walls that the run cuts to the length of its pieces.
+        let mut scene = cornell_box();
+        let mut pieces = Vec::new();
+        Subdivision::Split(6).cut(&scene.triangles[0].corners, &mut pieces);
+        let floor = scene.triangles.remove(0);
+        let cut = pieces
+            .iter()
+            .map(|&corners| hemicube_scene::Triangle { corners, ..floor });
+        scene.triangles.splice(0..0, cut);
+        let longest = |[a, b, c]: [DVec3; 3]| a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let length = pieces.iter().map(|&piece| longest(piece)).fold(0.0, f64::max) * 1.001;
+        let geometry = geometry(&scene, Subdivision::PatchSize(length));
+        assert!(geometry.cuts().iter().all(|cut| cut.first.0 >= 36));
+        let parents = ParentTriangles::find(&geometry).expect("much of it was cut");
+        assert_searched_likewise(&parents, &geometry);
+        assert_eq!((parents.parents[0].front, parents.parents[0].count), (0, 36));
+    }
+
     #[test]
     fn what_was_cut_is_found() {
         for sides in [0, 1, 2] {
@@ -424,6 +451,7 @@ mod tests {
             for pieces in 2..=9 {
                 let geometry = geometry(&scene, Subdivision::Split(pieces));
                 let parents = ParentTriangles::find(&geometry).expect("all of it was cut");
+                assert_searched_likewise(&parents, &geometry);
                 assert_eq!(parents.len(), scene.triangles.len(), "{pieces} pieces");
                 let count = pieces * pieces;
                 assert!(
@@ -443,6 +471,7 @@ mod tests {
         let subdivision = Subdivision::PatchSize(longest / 25.0);
         let geometry = geometry(&scene, subdivision);
         let parents = ParentTriangles::find(&geometry).expect("much of it was cut");
+        assert_searched_likewise(&parents, &geometry);
         assert_eq!(parents.len(), scene.triangles.len());
         assert!(
             parents.lattices.len() > 5,

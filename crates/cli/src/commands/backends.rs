@@ -30,6 +30,9 @@ pub(crate) enum Backends {
     /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
     #[command(after_long_help = examples(EXAMPLES_OF_CHECK, false))]
     Check(check::Arguments),
+    /// Print the header for backends in C: `hemicube backends header > hemicube_backend.h`
+    #[command(after_long_help = AFTER_LONG_HELP)]
+    Header,
 }
 
 /// `hemicube backends list`
@@ -48,6 +51,7 @@ impl Backends {
         match self {
             Self::List(arguments) => Paths::default().reports(&arguments.report),
             Self::Check(arguments) => arguments.paths(),
+            Self::Header => Paths::default(),
         }
     }
 }
@@ -134,6 +138,7 @@ pub(crate) fn run(command: &Backends) -> Result<Exit> {
     match command {
         Backends::List(arguments) => list(arguments),
         Backends::Check(arguments) => check::run(arguments),
+        Backends::Header => report::print(hemicube_host::C_HEADER).map(|()| Exit::Done),
     }
 }
 

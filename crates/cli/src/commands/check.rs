@@ -218,7 +218,8 @@ pub(super) fn error_against(expected: f64, asked: f64) -> String {
     format!("{} expected, {} asked{verdict}", small_percent(expected), percentage(asked))
 }
 
-/// A verdict in words. {
+/// A verdict in words.
+pub(super) struct Sentence {
     pub(super) subject: &'static str,
     pub(super) state: State,
     pub(super) what: String,
@@ -353,6 +354,14 @@ pub(super) fn groups(found: &CheckReport) -> Vec<Group> {
     groups.extend(escaped(found));
     if has_failed(found, &[Check::Entries]) {
         groups.push(Group::by(found, &[Check::Entries], "entries", "no row has an entry"));
+    }
+    if has_failed(found, &[Check::Winding]) {
+        groups.push(Group::by(
+            found,
+            &[Check::Winding],
+            "winding",
+            "the model is wound inwards",
+        ));
     }
     groups.push(reciprocity(found));
     groups.extend(sky(found));

@@ -2,7 +2,7 @@
 
 mod files;
 
-use crate::args::{Report as ReportArguments, Talk};
+use crate::args::{StoredMatrix, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials;
@@ -37,9 +37,8 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
-    /// The matrix
-    #[arg(value_name = "DIR")]
-    pub(crate) store: PathBuf,
+    #[command(flatten)]
+    pub(crate) matrix: StoredMatrix,
     /// Properties of objects and materials by name (TOML): emissivity, one number or one a band
     #[arg(long, value_name = "FILE")]
     pub(crate) materials: Option<PathBuf>,
@@ -54,24 +53,16 @@ pub(crate) struct Arguments {
     /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
-    /// Replace files that are there
-    #[arg(long)]
-    pub(crate) overwrite: bool,
-    /// Worker threads; 0: one for each core
-    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
-    pub(crate) threads: u32,
-    #[command(flatten)]
-    pub(crate) report: ReportArguments,
 }
 
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
-            .store([&self.store])
+            .store([&self.matrix.store])
             .reads(&self.materials)
-            .writes("-o", &self.output, self.overwrite)
-            .reports(&self.report)
+            .writes("-o", &self.output, self.matrix.overwrite)
+            .reports(&self.matrix.report)
     }
 }
 
@@ -118,12 +109,12 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::open(&arguments.matrix.report)?;
     for output in &arguments.output {
         Format::of(output)?;
     }
-    report::require_matrix(&arguments.store)?;
-    let store = Store::open(&arguments.store)?;
+    report::require_matrix(&arguments.matrix.store)?;
+    let store = Store::open(&arguments.matrix.store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let patches = store.patches()?;
     let file = arguments.materials.as_deref();
@@ -139,7 +130,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let bar = Bar::spinner(talk, "solving");
     let guard = exit::InterruptGuard::new();
-    let found = Exchange::new(&network, &emissivity, arguments.threads as usize, &mut |done, all| {
+    let found = Exchange::new(&network, &emissivity, arguments.matrix.threads as usize, &mut |done, all| {
         bar.message(&format!("{} of {} columns", count(done as u64), count(all as u64)));
         !cancel.load(Ordering::SeqCst)
     });
@@ -168,7 +159,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         json.write(&Report {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
-            store: arguments.store.display().to_string(),
+            store: arguments.matrix.store.display().to_string(),
             by: arguments.by,
             surfaces: network.len(),
             bands: &bands,

@@ -55,7 +55,7 @@ const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 const CELLS: u32 = 400;
 
 const EXAMPLES: &str = "  \
-  hemicube report room.hemicube room.obj -o room.html
+  hemicube report room.hemicube room.obj
   hemicube report city.hemicube city.obj -o city.html --entries 64";
 
 /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
@@ -68,9 +68,9 @@ pub(crate) struct Arguments {
     /// The scene that it is of
     #[arg(value_name = "SCENE")]
     pub(crate) scene: PathBuf,
-    /// The page: .html
+    /// The page: .html [default: DIR's name with .html]
     #[arg(short, long, value_name = "FILE")]
-    pub(crate) output: PathBuf,
+    pub(crate) output: Option<PathBuf>,
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
@@ -99,8 +99,14 @@ impl Arguments {
         Paths::default()
             .store([&self.store])
             .reads([&self.scene])
-            .writes("-o", [&self.output], self.overwrite)
+            .writes("-o", [&self.page()], self.overwrite)
             .reports(&self.report)
+    }
+
+    /// The page's file: beside the matrix, unless it is named.
+    fn page(&self) -> PathBuf {
+        let beside = || self.store.with_extension("html");
+        self.output.clone().unwrap_or_else(beside)
     }
 }
 
@@ -127,8 +133,9 @@ fn narrow(numbers: &[f64]) -> Vec<f32> {
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let is_html = |extension: &std::ffi::OsStr| extension.eq_ignore_ascii_case("html");
-    if !arguments.output.extension().is_some_and(is_html) {
-        bail!("`{}`: the name of a page ends in .html", arguments.output.display());
+    let output = arguments.page();
+    if !output.extension().is_some_and(is_html) {
+        bail!("`{}`: the name of a page ends in .html", output.display());
     }
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
@@ -165,11 +172,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         elements: prepared.grouping.as_ref().map(Grouping::elements),
     };
     let text = page.html(&blocks)?;
-    write(&arguments.output, &text)?;
+    write(&output, &text)?;
     drop(bar);
     talk.say(&format!(
         "`{}`: {}, {}, {}",
-        arguments.output.display(),
+        output.display(),
         size(text.len() as u64),
         counted(store.patch_count().into(), "patch"),
         if entries == 0 {
@@ -185,7 +192,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             schema: SCHEMA,
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
-            path: &arguments.output,
+            path: &output,
             bytes: text.len() as u64,
             patches: store.patch_count(),
             entries_per_row: entries,

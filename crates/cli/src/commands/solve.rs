@@ -3,8 +3,7 @@
 mod heat;
 mod surfaces;
 
-use crate::args::EngineSettings;
-use crate::args::{Report as ReportArguments, Talk};
+use crate::args::{EngineSettings, StoredMatrix, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials;
@@ -48,9 +47,8 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
-    /// The matrix
-    #[arg(value_name = "DIR")]
-    pub(crate) store: PathBuf,
+    #[command(flatten)]
+    pub(crate) matrix: StoredMatrix,
     /// Take reflectance and emission from the scene's file: glTF, MTL or AC3D
     #[arg(long, value_name = "SCENE", help_heading = "Materials")]
     pub(crate) scene: Option<PathBuf>,
@@ -121,9 +119,6 @@ pub(crate) struct Arguments {
     /// About how much memory to use; what of the matrix does not fit is read again each iteration
     #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = bytes)]
     pub(crate) memory: u64,
-    /// Worker threads; 0: one for each core
-    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
-    pub(crate) threads: u32,
     /// What the solution is called in the matrix's directory [default: radiosity, or thermal]
     #[arg(long, value_name = "NAME")]
     pub(crate) name: Option<String>,
@@ -150,9 +145,6 @@ pub(crate) struct Arguments {
     /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
     #[arg(long, value_name = "FILE", requires = "thermal")]
     pub(crate) surfaces: Vec<PathBuf>,
-    /// Replace files that are there
-    #[arg(long)]
-    pub(crate) overwrite: bool,
     /// Radiance of the sky: one row a right-hand side, a number for the ground and one for each patch of it (.npy)
     #[arg(
         long,
@@ -177,24 +169,22 @@ pub(crate) struct Arguments {
     pub(crate) show: Option<Shown>,
     #[command(flatten)]
     pub(crate) camera: Camera,
-    #[command(flatten)]
-    pub(crate) report: ReportArguments,
 }
 
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
-            .store([&self.store])
+            .store([&self.matrix.store])
             .reads(&self.scene)
             .reads(&self.materials)
             .reads(&self.emission)
             .reads(&self.sky_radiance)
             .reads(&self.sky)
-            .writes("-o", &self.output, self.overwrite)
-            .writes("--surfaces", &self.surfaces, self.overwrite)
-            .writes("--picture", &self.picture, self.overwrite)
-            .reports(&self.report)
+            .writes("-o", &self.output, self.matrix.overwrite)
+            .writes("--surfaces", &self.surfaces, self.matrix.overwrite)
+            .writes("--picture", &self.picture, self.matrix.overwrite)
+            .reports(&self.matrix.report)
     }
 }
 
@@ -321,7 +311,7 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::open(&arguments.matrix.report)?;
     for output in &arguments.output {
         OutputFormat::of(output)?;
     }
@@ -332,8 +322,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         PictureFormat::of(picture)?;
     }
     arguments.require_quantities()?;
-    report::require_matrix(&arguments.store)?;
-    let store = Store::open(&arguments.store)?;
+    report::require_matrix(&arguments.matrix.store)?;
+    let store = Store::open(&arguments.matrix.store)?;
     if arguments.print_materials {
         return print_materials(arguments, &store);
     }
@@ -380,11 +370,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ));
     }
     if let Some(json) = json {
-        let timings = !arguments.report.no_timings;
+        let timings = !arguments.matrix.report.no_timings;
         json.write(&Report {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
-            store: arguments.store.display().to_string(),
+            store: arguments.matrix.store.display().to_string(),
             patches: store.patch_count().into(),
             entries: store.manifest().entries,
             solution: path.display().to_string(),
@@ -450,7 +440,7 @@ impl Arguments {
             },
             tolerance: self.tolerance,
             max_iterations: self.max_iterations,
-            threads: self.threads as usize,
+            threads: self.matrix.threads as usize,
         }
     }
 }
@@ -471,7 +461,7 @@ fn require_up(arguments: &Arguments, store: &Store) -> Result<()> {
 fn print_materials(arguments: &Arguments, store: &Store) -> Result<Exit> {
     let (scene, file) = (arguments.scene.as_deref(), arguments.materials.as_deref());
     let properties = materials::read(store.manifest(), &store.patches()?, scene, file, arguments.allow_large)?;
-    report::print(&materials::file_of(&properties.by_object(), &arguments.store))?;
+    report::print(&materials::file_of(&properties.by_object(), &arguments.matrix.store))?;
     Ok(Exit::Done)
 }
 

@@ -453,7 +453,11 @@ fn balance_pairs(
             part.indptr.push(length(part.data.len()));
             let (columns, factors) = part.row(row);
             let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);
-            let passed = columns.iter().zip(factors).map(|(&column, factor)| of(column) * factor).sum();
+            let passed = columns
+                .iter()
+                .zip(factors)
+                .map(|(&column, factor)| of(column) * factor)
+                .sum();
             if let Some(passage) = part.passages.get_mut(row) {
                 passage.passed = passed;
             }

@@ -10,6 +10,7 @@
 //!              one plane, any where they lie in none
 //! shares       escaped, blocked, unselected from 0 to 1; of triangles in pixel mode, weight / (hemicubes · 2³¹)
 //! entries      some row has one
+//! winding      no closed surface sees nothing around all that sees something (`winding.rs`; triangles, all rows)
 //! escaped      of a row at most what the bound allows, if there is one
 //! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares; less what mirrors and panes hand on
 //! passed       Σⱼ (ρsⱼ + τⱼ) Fᵢⱼ, of the manifest's mirrors and panes, is what the row says that they handed on; of
@@ -21,6 +22,7 @@
 //! mode: the two sides are two hemicubes at two points.
 
 pub mod verdict;
+mod winding;
 
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
@@ -31,6 +33,7 @@ use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
 use verdict::{CLOSURE, Quality, Verdicts, WARNED};
+use winding::{Outwards, Sides};
 
 /// By how much what is handed on may be off what arrives: rounding of both.
 const PASSED: f64 = 1e-6;
@@ -100,6 +103,8 @@ pub enum Check {
     Escaped,
     /// Some row has an entry: a matrix without entries is of no scene.
     Entries,
+    /// The model is not wound outwards: no closed surface that sees nothing is around all that sees something.
+    Winding,
     /// A_i F_ij = A_j F_ji.
     Reciprocity,
     /// The sky rows beside the matrix are unchanged, and sum to its escaped shares.
@@ -352,6 +357,9 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         .failures
         .iter()
         .any(|failure| matches!(failure.check, Check::Files | Check::Columns | Check::Range));
+    if let Some(table) = &table {
+        tally.winding(table);
+    }
     if let Some(table) = table.filter(|_| readable)
         && let Some(found) = tally.files(reciprocal(store, &table.area, options))?
     {
@@ -432,6 +440,8 @@ struct Tally {
     squares: [f64; 2],
     quality: Quality,
     worst: Vec<WorstRow>,
+    /// Where rows look, of triangles without portals.
+    sides: Option<Sides>,
 }
 
 impl Tally {
@@ -472,6 +482,8 @@ impl Tally {
             squares: [0.0; 2],
             quality: Quality::default(),
             worst: Vec::new(),
+            sides: (store.manifest().patch_kind().is_triangle() && !store.manifest().has_portals())
+                .then(|| Sides::new(store.patch_count() as usize)),
         }
     }
 
@@ -630,6 +642,9 @@ impl Tally {
                 format!("the shares of patch {patch} are {shares:?}, those of its weights {seen:?}"),
             );
         }
+        if let Some(sides) = &mut self.sides {
+            sides.add(patch, shares);
+        }
         let lost = shares.to_array();
         for (total, lost) in self.lost.iter_mut().zip(lost) {
             *total += lost;
@@ -674,6 +689,23 @@ impl Tally {
             );
             self.worst.truncate(self.worst_count);
         }
+    }
+
+    /// Looks for a model that is wound outwards, and whose things within see each other.
+    fn winding(&mut self, table: &PatchTable) {
+        let found = self.sides.as_ref().filter(|_| self.entries > 0);
+        let first = match found.and_then(|sides| sides.outwards(table)) {
+            None => return,
+            Some(Outwards::All) => {
+                "the model is wound outwards throughout: a closed surface around it sees nothing, and what it encloses \
+                 sees its own inside only; `hemicube inspect SCENE` says more, and `--flip all` turns the model round"
+            }
+            Some(Outwards::Shell) => {
+                "the closed surface around the model is wound outwards: it sees nothing, and what it encloses does not \
+                 see it; `hemicube inspect SCENE` names its objects, and `--flip NAME` turns them round"
+            }
+        };
+        self.fail(Check::Winding, first.to_owned());
     }
 
     fn finish(mut self, store: &Store, reciprocity: Reciprocity) -> CheckReport {

@@ -95,19 +95,28 @@ impl<'t> Caster<'t> {
     pub(super) fn first_of_side(&mut self, emitter: &Emitter, side: f64, origin: DVec3, direction: DVec3) -> Hit {
         let normal = side * emitter.normal();
         let tolerance = self.tree.plane_tolerance;
-        self.nearest(origin, direction, |slot, corners| {
-            let height = |p: &DVec3| normal.dot(*p - emitter.corners[0]);
-            slot == emitter.slot || corners.iter().all(|p| height(p) <= tolerance)
+        let height = |p: DVec3| normal.dot(p - emitter.corners[0]);
+        // A box that ends well below the tolerance has only surfaces to skip: most of a wall, seen from a piece of it.
+        let is_below = |center, half| height(center) + normal.abs().dot(half) <= 0.5 * tolerance;
+        self.nearest(origin, direction, is_below, |slot, corners| {
+            slot == emitter.slot || corners.iter().all(|p| height(*p) <= tolerance)
         })
     }
 
     /// The first hit of a ray from a free point.
     pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Hit {
-        self.nearest(origin, direction, |_, _| false)
+        self.nearest(origin, direction, |_, _| false, |_, _| false)
     }
 
-    /// The first hit of a ray among the surfaces not skipped, by its slot and its corners.
-    fn nearest(&mut self, origin: DVec3, direction: DVec3, passes: impl Fn(usize, &[DVec3; 3]) -> bool) -> Hit {
+    /// The first hit of a ray among the surfaces not skipped, by the centre and half of a box of them, or by its slot
+    /// and corners.
+    fn nearest(
+        &mut self,
+        origin: DVec3,
+        direction: DVec3,
+        skips: impl Fn(DVec3, DVec3) -> bool,
+        passes: impl Fn(usize, &[DVec3; 3]) -> bool,
+    ) -> Hit {
         let tree = self.tree;
         let inverse = direction.recip();
         let enter = |index: u32| {
@@ -120,7 +129,7 @@ impl<'t> Caster<'t> {
                 from = from.max(low[axis].min(high[axis]));
                 to = to.min(low[axis].max(high[axis]));
             }
-            (from <= to).then_some(from)
+            (from <= to && !skips(node.center, node.half)).then_some(from)
         };
         // Surfaces in one plane must be told by their ids, not by how their depths are rounded.
         let tie = 1e-12 + 4.0 * tree.plane_tolerance;
@@ -204,6 +213,61 @@ pub(super) fn crossed([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::HierarchyOptions;
+    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+
+    /// A wall in strips with windows in it, as a polygon with holes is cut: everything in one plane.
+    fn wall(windows: u32) -> Model {
+        let mut triangles = Vec::new();
+        let mut quad = |low: [f64; 2], high: [f64; 2]| {
+            let corner = |x: f64, z: f64| DVec3::new(x, 0.0, z);
+            let [a, b, c, d] = [
+                corner(low[0], low[1]),
+                corner(high[0], low[1]),
+                corner(high[0], high[1]),
+                corner(low[0], high[1]),
+            ];
+            for corners in [[a, b, c], [a, c, d]] {
+                triangles.push(Triangle {
+                    corners,
+                    object: 0,
+                    material: 0,
+                    face: 0,
+                    two_sided: false,
+                });
+            }
+        };
+        // Slivers over the whole length, and a window every ten metres.
+        let length = 10.0 * f64::from(windows);
+        for strip in 0..windows {
+            let z = 10.0 + f64::from(strip) / f64::from(windows);
+            quad([0.0, z], [length, z + 1.0 / f64::from(windows)]);
+            quad([10.0 * f64::from(strip), 2.0], [10.0 * f64::from(strip) + 2.0, 4.0]);
+        }
+        let scene = Scene {
+            triangles,
+            ..Scene::default()
+        };
+        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    #[test]
+    fn a_ray_from_a_wall_passes_over_the_wall() {
+        let steps = |windows| {
+            let model = wall(windows);
+            let tree = Tree::of(model.geometry());
+            let emitter = Emitter::new(&model, &tree, InputPatch(0)).expect("a patch with area");
+            let mut caster = Caster::new(&tree);
+            for direction in directions(64) {
+                let direction = emitter.turned(direction);
+                assert_eq!(caster.first(&emitter, emitter.centroid(), direction), Hit::Nothing);
+            }
+            caster.work
+        };
+        // Whatever lies in the plane of the emitter is skipped with its box.
+        assert_eq!((steps(30), steps(1000)), (0, 0));
+    }
 
     #[test]
     fn directions_are_spread_by_the_cosine_in_every_beginning() {

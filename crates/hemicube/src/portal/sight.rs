@@ -205,6 +205,7 @@ impl ThroughPortals {
         Ends {
             reach: f64::INFINITY,
             least,
+            only: None,
         }
     }
 

@@ -155,6 +155,7 @@ pub(crate) fn columns(gaps: &[u16], lengths: &[u8], count: u64, columns: &mut Ve
 
 #[cfg(test)]
 mod tests {
+    use super::super::validate::FACTOR_END;
     use super::*;
 
     #[test]
@@ -166,6 +167,7 @@ mod tests {
         }
         assert!((1..=u16::MAX).all(|all| factor(all) > factor(all - 1)));
         assert_eq!((factor(0), code(1.0).map(factor)), (0.0, Some(1.0)));
+        assert!(factor(u16::MAX) < FACTOR_END, "readers rely on it");
     }
 
     #[test]

@@ -422,13 +422,14 @@ impl Store {
         Ok(Some((path, part)))
     }
 
-    /// Checks a part against everything that readers rely on.
+    /// Checks a part of [`Self::part_as_it_is`] against everything that readers rely on.
     ///
     /// # Errors
     /// [`Error::Malformed`] with the first violation.
     pub(crate) fn validate(&self, place: usize, path: &Path, part: &Part) -> Result<()> {
         let rows = self.manifest.rows_of_part(part.index) as usize;
-        validate::part(part, rows, &self.manifest).map_err(|reason| Error::malformed(path, reason))?;
+        validate::part(part, rows, &self.manifest, validate::Entries::Stored)
+            .map_err(|reason| Error::malformed(path, reason))?;
         self.claim(place, path, &part.rows)?;
         self.note(place, found::ENTRIES);
         Ok(())

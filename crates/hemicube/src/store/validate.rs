@@ -1,8 +1,8 @@
 //! Requirements on the arrays of a store, beyond fitting together. Writers refuse violations before a file is there,
 //! readers before anything is made of it: no row, patch or column is handed out unchecked.
 
-use super::{FactorSlice, Form, HEMICUBE_WEIGHT, Manifest, Part, PatchTable, RowSums, compact};
 use super::csr::EncodedValues;
+use super::{FactorSlice, Form, HEMICUBE_WEIGHT, Manifest, Part, PatchTable, RowSums, compact};
 use crate::grouping::PatchKind;
 use std::result::Result;
 
@@ -82,12 +82,22 @@ pub(super) fn is_plain_row(columns: &[u8], values: EncodedValues<'_>, patch_coun
         }
 }
 
+/// Where the entries of a part come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Entries {
+    /// A caller: anything may be in them.
+    Given,
+    /// The file of a store. In the compact form, runs ascend and every code is a form factor: the last column of a row
+    /// is all that can be wrong.
+    Stored,
+}
+
 /// Checks a part of `row_count` rows against everything that readers of `manifest`'s store rely on. Returns the sums
 /// over its rows.
 ///
 /// # Errors
 /// The first violation, as a clause about the part.
-pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result<RowSums, String> {
+pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest, source: Entries) -> Result<RowSums, String> {
     let hemicubes_max = if manifest.patch_kind().is_triangle() {
         HEMICUBES_MAX
     } else {
@@ -130,26 +140,21 @@ pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result
         return Err(no_row(patch));
     }
     let mut total = RowSums::default();
+    let is_decoded = source == Entries::Stored && form == Form::Compact;
     for (row, &patch) in part.rows.iter().enumerate() {
         let (columns, factors) = part.row(row);
-        if !are_columns(columns, patch_count) {
+        let fit = if is_decoded {
+            columns.last().is_none_or(|&last| last.cast_unsigned() < patch_count)
+        } else {
+            are_columns(columns, patch_count)
+        };
+        if !fit {
             return Err(format!(
                 "has columns in the row of patch {patch} that do not ascend, or leave the matrix"
             ));
         }
-        if !are_factors(factors, end) {
-            let bad = factors.iter().find(|&factor| !is_factor(factor, end));
-            return Err(format!(
-                "has the form factor {} in the row of patch {patch}",
-                bad.unwrap_or(f64::NAN)
-            ));
-        }
-        if form == Form::Compact
-            && let Some(bad) = factors.to_single().into_iter().find(|&factor| compact::code(factor).is_none())
-        {
-            return Err(format!(
-                "has the form factor {bad} in the row of patch {patch}, which the compact form cannot hold"
-            ));
+        if !is_decoded {
+            require_factors(factors, form, end).map_err(|reason| format!("{reason} in the row of patch {patch}"))?;
         }
         let (sums, hemicubes) = (&part.sums[row], part.hemicubes[row]);
         if hemicubes > hemicubes_max {
@@ -180,6 +185,26 @@ pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest) -> Result
         total = total.plus(sums).ok_or("has weights that do not fit 64 bits")?;
     }
     Ok(total)
+}
+
+/// Checks the form factors of a row.
+///
+/// # Errors
+/// The first that is none, or that `form` cannot hold.
+fn require_factors(factors: FactorSlice<'_>, form: Form, end: f32) -> Result<(), String> {
+    if !are_factors(factors, end) {
+        let bad = factors.iter().find(|&factor| !is_factor(factor, end));
+        return Err(format!("has the form factor {}", bad.unwrap_or(f64::NAN)));
+    }
+    if form != Form::Compact {
+        return Ok(());
+    }
+    let is_lost = |&factor: &f32| compact::code(factor).is_none();
+    factors.to_single().into_iter().find(is_lost).map_or(Ok(()), |bad| {
+        Err(format!(
+            "has the form factor {bad}, which the compact form cannot hold,"
+        ))
+    })
 }
 
 /// Names a row of a patch that does not exist, or that has a row already.

@@ -270,7 +270,8 @@ impl StoreWriter {
             return Err("it was written before".into());
         }
         let count = self.manifest.rows_of_part(part.index) as usize;
-        let total = validate::part(part, count, &self.manifest).map_err(|reason| format!("it {reason}"))?;
+        let total = validate::part(part, count, &self.manifest, validate::Entries::Given)
+            .map_err(|reason| format!("it {reason}"))?;
         match part
             .rows
             .iter()

@@ -1,13 +1,14 @@
-//! Parent triangles found by their patches: consecutive ones in the rows of a lattice, as `hemicube_scene::Subdivision`
-//! cuts them, with corners that are the same to the bit where they are shared.
+//! Parent triangles by [`Geometry::cuts`], and of other surfaces by their patches: consecutive ones in the rows of a
+//! lattice, as `hemicube_scene::Subdivision` cuts them, with corners that are the same to the bit where they are shared.
 
 use super::{OFF, ParentTriangles};
 use glam::DVec3;
+use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{Geometry, Surface};
 
 /// Least number of patches a parent, on average: with fewer, the second step is not worth it.
 const LEAST_PATCHES: usize = 4;
-/// The finest subdivision that is looked for: pieces of an edge.
+/// The finest subdivision drawn by parents: pieces of an edge.
 const MOST_PIECES: usize = 256;
 
 impl ParentTriangles {
@@ -15,10 +16,20 @@ impl ParentTriangles {
     pub(crate) fn find(geometry: &Geometry) -> Option<Self> {
         let surfaces = in_order(geometry)?;
         let off = OFF * geometry.plane_tolerance;
+        let mut cuts = (geometry.cuts().iter())
+            .map(|cut| (cut.first, cut.pieces as usize))
+            .filter(|&(_, pieces)| pieces <= MOST_PIECES)
+            .peekable();
         let mut found = Vec::new();
         let mut at = 0;
         while at < surfaces.len() {
-            let pieces = pieces_from(&surfaces[at..], off);
+            let is_here = |&(first, pieces): &(InputPatch, usize)| {
+                first == surfaces[at].front && pieces * pieces <= surfaces.len() - at
+            };
+            let pieces = match cuts.next_if(is_here) {
+                Some((_, pieces)) => pieces,
+                None => pieces_from(&surfaces[at..], off),
+            };
             found.push((parent(&surfaces[at..], pieces), pieces));
             at += pieces * pieces;
         }

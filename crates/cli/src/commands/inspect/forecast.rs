@@ -9,7 +9,7 @@ use anyhow::Result;
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, Summary, compute};
-use hemicube::driver::probe::strata;
+use hemicube::driver::probe::{Probe, strata};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
@@ -133,7 +133,8 @@ struct Work {
     measured: f64,
     /// Seconds of its slowest row.
     slowest: f64,
-    /// Seconds before the first row, on one thread: to start, read and cut the scene, and load it into the backend.
+    /// Seconds before the first row, on one thread: to start, read and cut the scene, load it into the backend, and try
+    /// out culling.
     start: f64,
 }
 
@@ -250,7 +251,10 @@ pub(super) fn forecast(
     let sight = Sight::measure(model, render, &plan(RowChoice::Sample { count: SAMPLE, seed }), backend)?;
     let corrected = plan(RowChoice::All).with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
     let mut work = Work::measure(model, render, &corrected, settings, seed)?;
-    work.start += prepared;
+    // A run tries out culling before its rows.
+    let began = processor_seconds();
+    Probe::render(model, &corrected, settings, backend, None)?;
+    work.start += prepared + processor_seconds() - began;
     let entries = work.entries;
     let patch_count = model.patches().len() as f64;
     let threads = render.thread_count();

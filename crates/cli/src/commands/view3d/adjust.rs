@@ -1,11 +1,14 @@
 //! Exchange areas between surfaces, and what View3D makes of them: an enclosure, and interchange factors.
 
-use hemicube::analysis::interchange::{InterchangeError, interchange};
+use hemicube::analysis::exchange::{self, Network};
+use hemicube::solve::{InMemory, SolveError};
 use std::collections::HashMap;
 
 /// Largest error of a row's sum after [`Exchange::enclose`], and its sweeps: View3D's.
 const SUM_ERROR: f64 = 1e-7;
 const SWEEPS: u32 = 100;
+/// Most surfaces of interchange factors, which are dense: n² numbers of 8 bytes, twice.
+const SURFACES_MAX: usize = 8192;
 
 /// A_i F_ij, sparse.
 #[derive(Clone, Debug)]
@@ -70,22 +73,40 @@ impl Exchange {
         Ok(sweep)
     }
 
-    /// Replaces A_i F_ij by A_i 𝓕_ij.
-    pub(super) fn reflect(&mut self, emittances: &[f64]) -> Result<(), InterchangeError> {
+    /// Replaces A_i F_ij by A_i 𝓕_ij; what a row lacks of 1 is lost.
+    ///
+    /// # Errors
+    /// For more than [`SURFACES_MAX`] surfaces, and those of [`exchange::Exchange::new`].
+    pub(super) fn reflect(&mut self, emittances: &[f64]) -> Result<(), SolveError> {
         let count = self.rows.len();
-        if count > hemicube::analysis::interchange::SURFACES_MAX {
-            return Err(InterchangeError::TooMany(count));
+        if count > SURFACES_MAX {
+            return Err(SolveError::Problem(format!(
+                "{count} surfaces are more than the {SURFACES_MAX} that interchange factors are computed of"
+            )));
         }
-        let mut dense = vec![0.0; count * count];
-        for (i, row) in self.rows.iter().enumerate() {
-            for (&j, &area) in row {
-                dense[i * count + j as usize] = area;
-            }
+        let mut dense = vec![vec![0.0; count]; count];
+        for (row, dense) in dense.iter_mut().enumerate() {
+            self.factors(row)
+                .iter()
+                .for_each(|&(column, factor)| dense[column as usize] = factor);
         }
-        let found = interchange(&dense, &self.areas, emittances)?;
-        for (row, found) in self.rows.iter_mut().zip(found.chunks_exact(count)) {
+        let network = Network {
+            names: (1..=count).map(|surface| surface.to_string()).collect(),
+            area: self.areas.clone(),
+            patches: vec![1; count],
+            of_patch: (0..).take(count).collect(),
+            escaped: vec![0.0; count],
+            returned: vec![0.0; count],
+            handed_on: Vec::new(),
+            factors: InMemory::dense(&dense),
+        };
+        drop(dense);
+        let found = exchange::Exchange::new(&network, &[emittances.to_vec()], 0, &mut |_, _| true)?;
+        for (i, row) in self.rows.iter_mut().enumerate() {
+            // The mean of both directions, which differ by roundings.
+            let area = |j: usize| (found.area(&network, 0, i, j) + found.area(&network, 0, j, i)) / 2.0;
             *row = (0..)
-                .zip(found.iter().copied())
+                .zip((0..count).map(area))
                 .filter(|&(_, area)| area > 0.0)
                 .collect();
         }
@@ -146,5 +167,29 @@ mod tests {
         let mut blind = Exchange::new(2);
         blind.areas = vec![1.0, 1.0];
         assert_eq!(blind.enclose(&[1.0; 2]), Err(0));
+    }
+
+    #[test]
+    fn an_enclosure_absorbs_what_it_emits_and_parallel_planes_are_the_textbook_s() {
+        // A cube of unit faces that all see a fifth of each other.
+        let emittances = [0.1, 0.3, 0.5, 0.7, 0.9, 0.95];
+        let mut cube = Exchange::new(6);
+        cube.areas = vec![1.0; 6];
+        for (i, j) in (0..36).map(|at| (at / 6, at % 6)).filter(|(i, j)| i != j) {
+            cube.add(i, j, 0.2);
+        }
+        cube.reflect(&emittances).expect("a solution");
+        for (row, emittance) in emittances.iter().enumerate() {
+            let sum: f64 = cube.factors(row).iter().map(|&(_, factor)| factor).sum();
+            assert!((sum - emittance).abs() < 1e-6, "{sum} of {emittance}");
+        }
+        let mut planes = Exchange::new(2);
+        planes.areas = vec![2.0, 2.0];
+        planes.add(0, 1, 2.0);
+        planes.add(1, 0, 2.0);
+        planes.reflect(&[0.5, 0.8]).expect("a solution");
+        let (_, factor) = planes.factors(0)[0];
+        assert!((factor - 1.0 / (2.0 + 1.25 - 1.0)).abs() < 1e-9, "{factor}");
+        assert!(Exchange::new(SURFACES_MAX + 1).reflect(&[]).is_err());
     }
 }

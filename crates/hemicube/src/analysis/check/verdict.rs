@@ -3,7 +3,7 @@
 //! ```text
 //! integrity     is it what was written?   files, table, manifest, columns, range, diagonal, all parts there
 //! conservation  does energy add up?       weights, visible, sky, reciprocity with a bound
-//! quality       is it good enough?        closure error, blocked share, rows that look at backs, no entries at all
+//! quality       is it good enough?        closure error, blocked share, rows that look at backs, no entries, winding
 //! ```
 //!
 //! Integrity and conservation fail. Quality fails where a bound was asked for, and is doubtful where a row's closure
@@ -46,7 +46,7 @@ impl Check {
             | Self::Columns
             | Self::Diagonal => Subject::Integrity,
             Self::Weights | Self::Visible | Self::Passed | Self::Reciprocity | Self::Sky => Subject::Conservation,
-            Self::Closure | Self::Escaped | Self::Entries => Subject::Quality,
+            Self::Closure | Self::Escaped | Self::Entries | Self::Winding => Subject::Quality,
         }
     }
 }
