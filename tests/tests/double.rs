@@ -16,7 +16,16 @@ fn room_with_a_box() -> Place {
     let mut corners = 1;
     let mut body = |name: &str, low: [f64; 3], high: [f64; 3], faces: [[usize; 4]; 6]| {
         let _ = writeln!(text, "o {name}");
-        for (x, y, z) in [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)] {
+        for (x, y, z) in [
+            (0, 0, 0),
+            (1, 0, 0),
+            (1, 1, 0),
+            (0, 1, 0),
+            (0, 0, 1),
+            (1, 0, 1),
+            (1, 1, 1),
+            (0, 1, 1),
+        ] {
             let at = |axis: usize, end: usize| if end == 0 { low[axis] } else { high[axis] };
             let _ = writeln!(text, "v {} {} {}", at(0, x), at(1, y), at(2, z));
         }
@@ -26,7 +35,14 @@ fn room_with_a_box() -> Place {
         }
         corners += 8;
     };
-    let inward = [[0, 1, 2, 3], [4, 7, 6, 5], [0, 4, 5, 1], [1, 5, 6, 2], [2, 6, 7, 3], [3, 7, 4, 0]];
+    let inward = [
+        [0, 1, 2, 3],
+        [4, 7, 6, 5],
+        [0, 4, 5, 1],
+        [1, 5, 6, 2],
+        [2, 6, 7, 3],
+        [3, 7, 4, 0],
+    ];
     let outward = inward.map(|[a, b, c, d]| [d, c, b, a]);
     body("room", [0.0; 3], [4.0, 5.0, 3.0], inward);
     body("box", [1.0, 1.0, 0.5], [2.0, 2.5, 1.5], outward);
@@ -49,7 +65,10 @@ fn doubles(store: &Store) -> Vec<f64> {
 fn a_double_store_goes_through_every_command() {
     let place = room_with_a_box();
     place.line("compute room.obj -o plain").is(0);
-    place.line("compute room.obj -o double --store double").is(0).says(&["f64"]);
+    place
+        .line("compute room.obj -o double --store double")
+        .is(0)
+        .says(&["f64"]);
     let store = Store::open(&place.path("double")).expect("a store");
     assert_eq!((store.manifest().form, store.manifest().version), (Form::Double, 4));
     let wide = doubles(&store);
@@ -61,8 +80,17 @@ fn a_double_store_goes_through_every_command() {
         .flat_map(|row| row.expect("a row").1.data.into_f64())
         .collect();
     assert!(narrow.len() == wide.len() && narrow.len() > 200);
-    assert!(wide.iter().zip(&narrow).all(|(&wide, &narrow)| Precision::Single.round(wide) == narrow));
-    assert!(wide.iter().filter(|&&wide| Precision::Single.round(wide) != wide).count() > wide.len() / 2);
+    assert!(
+        wide.iter()
+            .zip(&narrow)
+            .all(|(&wide, &narrow)| Precision::Single.round(wide) == narrow)
+    );
+    assert!(
+        wide.iter()
+            .filter(|&&wide| Precision::Single.round(wide) != wide)
+            .count()
+            > wide.len() / 2
+    );
 
     for line in [
         "check double",
@@ -99,7 +127,10 @@ fn a_double_store_goes_through_every_command() {
     };
     for (i, j) in [(0, 5), (2, 20), (7, 13)] {
         let (there, back) = (area[i as usize] * factor(i, j), area[j as usize] * factor(j, i));
-        assert!(there > 0.0 && (there / back - 1.0).abs() < 1e-14, "{i} {j}: {there} {back}");
+        assert!(
+            there > 0.0 && (there / back - 1.0).abs() < 1e-14,
+            "{i} {j}: {there} {back}"
+        );
     }
 }
 
@@ -114,7 +145,10 @@ fn shards_and_resumed_runs_have_the_bytes_of_one() {
     place.line("merge parts").is(0);
     let bytes = |name: &str| files(&place.path(name)).into_values().collect::<Vec<_>>();
     assert_eq!(bytes("whole"), bytes("parts"));
-    let part = std::fs::read_dir(place.path("whole/parts")).expect("parts").next().expect("a part");
+    let part = std::fs::read_dir(place.path("whole/parts"))
+        .expect("parts")
+        .next()
+        .expect("a part");
     std::fs::remove_file(part.expect("a file").path()).expect("it is removed");
     place.line(&format!("{line} -o whole")).is(0);
     assert_eq!(bytes("whole"), bytes("parts"));
@@ -202,10 +236,10 @@ fn rows_of_a_closed_cube_sum_to_one() {
 fn tolerances_that_f32_does_not_hold_are_refused_by_a_sentence() {
     let place = room_with_a_box();
     let line = "compute room.obj --rows 0..1 -o F";
-    place
-        .line(&format!("{line} --tolerance 1e-7"))
-        .is(2)
-        .says(&["`--store plain` rounds form factors by up to", "`--store double` is needed"]);
+    place.line(&format!("{line} --tolerance 1e-7")).is(2).says(&[
+        "`--store plain` rounds form factors by up to",
+        "`--store double` is needed",
+    ]);
     place
         .line(&format!("{line} --tolerance 9e-8 --store double"))
         .is(2)

@@ -692,7 +692,19 @@ mod tests {
             assert!((read - share).abs() <= 1e-12 * share, "{text}: {read}");
         }
         for wrong in [
-            "0", "-1%", "0.000009%", "9e-8", "51%", "1", "5", "nan", "nan%", "inf", "%", "", "few",
+            "0",
+            "-1%",
+            "0.000009%",
+            "9e-8",
+            "51%",
+            "1",
+            "5",
+            "nan",
+            "nan%",
+            "inf",
+            "%",
+            "",
+            "few",
         ] {
             assert!(tolerance(wrong).is_err(), "{wrong}");
         }

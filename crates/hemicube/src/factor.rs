@@ -631,7 +631,9 @@ mod tests {
             let (i, j) = (triangle(DVec3::ZERO), triangle(DVec3::new(0.3, 0.4, 0.8) * away));
             let whole = exchange(&i, &j, &rule);
             let (of_i, of_j) = (quarters(&i), quarters(&j));
-            let pieces = of_i.iter().flat_map(|i| of_j.iter().map(move |j| exchange(i, j, &rule)));
+            let pieces = of_i
+                .iter()
+                .flat_map(|i| of_j.iter().map(move |j| exchange(i, j, &rule)));
             let sum: f64 = pieces.sum();
             let area = geometry::area(&i).min(geometry::area(&j));
             worst = worst.max((whole - sum).abs() / area);
@@ -648,7 +650,14 @@ mod tests {
         // Rows of the pieces of one face to all of the other five.
         let rule = FactorRule::exact();
         let corner = |k: u32| DVec3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2));
-        let faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+        let faces = [
+            [0, 1, 3, 2],
+            [4, 6, 7, 5],
+            [0, 4, 5, 1],
+            [2, 3, 7, 6],
+            [0, 2, 6, 4],
+            [1, 5, 7, 3],
+        ];
         let pieces: Vec<Vec<[DVec3; 3]>> = faces
             .iter()
             .map(|&[a, b, c, d]| {

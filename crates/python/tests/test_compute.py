@@ -213,3 +213,24 @@ def test_stores_that_are_something_else(tmp_path: pathlib.Path) -> None:
     manifest.write_text(manifest.read_text().replace("128", "129").replace("64", "63"))
     with pytest.raises(hemicube.StoreError, match="has changed since it was written"):
         hemicube.open(tmp_path / "store")
+
+
+def test_double_stores_are_float64(tmp_path: pathlib.Path) -> None:
+    scene = hemicube.Scene.generate("room", 60)
+    single = hemicube.compute(scene, tolerance=5e-4)
+    double = hemicube.compute(scene, tolerance=5e-4, store="double")
+    stored = hemicube.compute(scene, tolerance=5e-4, store="double", output=tmp_path / "double")
+    for matrix in (double, stored):
+        F = matrix.to_scipy()
+        assert F.dtype == np.float64 and matrix.csr.dtype == np.float64
+        columns, factors = matrix.row(3) or (None, None)
+        assert factors is not None and factors.dtype == np.float64
+        assert (F != double.to_scipy()).nnz == 0
+        # f32 and f64 of one row differ in the eighth digit, and closed forms in the fourth.
+        assert 0 < abs(F - single.to_scipy()).max() < 1e-3
+    ours = scipy.sparse.vstack([scipy.sparse.load_npz(part) for part in sorted((tmp_path / "double/parts").iterdir())])
+    assert ours.dtype == np.float64 and ours.nnz == stored.nnz
+    with pytest.raises(ValueError, match="double"):
+        hemicube.compute(scene, tolerance=1e-7)
+    with pytest.raises(ValueError, match="plain, compact or double"):
+        hemicube.compute(scene, store="wide")

@@ -3,9 +3,9 @@
 use crate::args::{Report as ReportArguments, Talk, not_negative};
 use crate::exit::Exit;
 use crate::help::examples;
+use crate::level::percentage;
 use crate::outputs::Paths;
 use crate::progress::Bar;
-use crate::level::percentage;
 use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent, small_percent};
 use anyhow::Result;
 use clap::Args;
@@ -215,7 +215,11 @@ const FINE: f64 = 1e-5;
 /// An expected error against the tolerance asked for.
 pub(super) fn error_against(expected: f64, asked: f64) -> String {
     let verdict = if expected > asked { ": not reached" } else { "" };
-    format!("{} expected, {} asked{verdict}", small_percent(expected), percentage(asked))
+    format!(
+        "{} expected, {} asked{verdict}",
+        small_percent(expected),
+        percentage(asked)
+    )
 }
 
 /// A verdict in words.

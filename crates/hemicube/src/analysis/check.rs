@@ -784,11 +784,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         None
     };
     let factor = |i: u32, j: u32| -> Result<Option<f64>> {
-        let of = |row: &crate::store::Row| {
-            row.indices
-                .binary_search(&j)
-                .map_or(0.0, |place| row.data.at(place))
-        };
+        let of = |row: &crate::store::Row| row.indices.binary_search(&j).map_or(0.0, |place| row.data.at(place));
         match &held {
             Some(rows) => Ok(rows[i as usize].as_ref().map(of)),
             None => Ok(store.row(InputPatch(i))?.as_ref().map(of)),

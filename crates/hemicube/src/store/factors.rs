@@ -66,7 +66,9 @@ impl Precision {
     /// The number at the start of some bytes of [`Self::put`]; NaN for too few.
     pub fn get(self, bytes: &[u8]) -> f64 {
         match self {
-            Self::Single => bytes.first_chunk().map_or(f64::NAN, |&four| f32::from_le_bytes(four).into()),
+            Self::Single => bytes
+                .first_chunk()
+                .map_or(f64::NAN, |&four| f32::from_le_bytes(four).into()),
             Self::Double => bytes.first_chunk().map_or(f64::NAN, |&eight| f64::from_le_bytes(eight)),
         }
     }

@@ -10,7 +10,9 @@
 use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
-use super::{Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate};
+use super::{
+    Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate,
+};
 use hemicube_scene::InputPatch;
 use std::fs::File;
 use std::path::{Path, PathBuf};

@@ -328,9 +328,16 @@ mod tests {
             assert_eq!(are_columns(&columns, 30), holds, "{columns:?}");
             let bytes: Vec<u8> = columns.iter().flat_map(|column| column.to_le_bytes()).collect();
             let values: Vec<u8> = columns.iter().flat_map(|_| 0.5_f32.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END), holds, "{columns:?}");
+            assert_eq!(
+                is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END),
+                holds,
+                "{columns:?}"
+            );
             let values: Vec<u8> = columns.iter().flat_map(|_| f32::NAN.to_le_bytes()).collect();
-            assert_eq!(is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END), columns.is_empty());
+            assert_eq!(
+                is_plain_row(&bytes, EncodedValues::Single(&values), 30, FACTOR_END),
+                columns.is_empty()
+            );
         }
     }
 }

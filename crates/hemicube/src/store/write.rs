@@ -8,8 +8,8 @@ use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
 use super::read::{CUT_OFF, PASSED, RUN, SHARES, THINNING};
 use super::{
-    Error, FactorSlice, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums, RowTable,
-    Shard, compact, validate,
+    Error, FactorSlice, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums,
+    RowTable, Shard, compact, validate,
 };
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
