@@ -47,6 +47,7 @@ pub mod quadrature;
 pub mod random;
 pub mod rays;
 pub mod readers;
+pub mod rooms;
 pub mod rows;
 pub mod runs;
 pub mod scenes;

@@ -1,31 +1,19 @@
 //! Portals of a run: mirrors and panes from a TOML file, planes of symmetry, sectors and periods from the command line.
-//!
-//! ```toml
-//! [material."glass*"]                     # a pattern, for names without an exact entry
-//! specular = 0.1                          # ρs, reflected as by a mirror
-//! transmittance = 0.7                     # τ, let through
-//!
-//! [object.mirror]                         # an object's values hold, if its material has some, too
-//! specular = 0.95
-//! ```
 
-use crate::exit::hinted;
 use crate::prepare::Prepared;
-use crate::selection::matches_glob;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use hemicube::HierarchyOptions;
-use hemicube::portal::{ImageError, ImageSettings, Images, Optics, Period, Portals, Sector, Specular, Symmetry};
-use hemicube_scene::Axis;
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use hemicube::driver::glazing::{Glazing, laws_of_scene};
+use hemicube::portal::{ImageError, ImageSettings, Images, Period, Portals, Sector, Specular, Symmetry};
+use hemicube_scene::{Axis, ReadOptions};
 use std::path::{Path, PathBuf};
 
 /// Mirrors, panes, symmetry and periods
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mirrors, glass, symmetry")]
 pub(crate) struct PortalSettings {
-    /// Follow mirrors and panes: `[material.NAME]`, `specular = 0.9`
+    /// Follow mirrors and panes: `[material.NAME]`, `specular = 0.9`; `scene`: its own
     #[arg(long, value_name = "FILE.toml")]
     pub(crate) specular: Option<PathBuf>,
     /// End a path where no more than B of it is left; a twentieth of the tolerance, or 1e-4
@@ -49,6 +37,9 @@ pub(crate) struct PortalSettings {
         hide_short_help = true
     )]
     pub(crate) repeats: Option<u32>,
+    /// The band of the values in the file of mirrors and panes.
+    #[arg(skip)]
+    pub(crate) band: usize,
 }
 
 fn bound(text: &str) -> Result<f64, String> {
@@ -117,29 +108,47 @@ fn period(text: &str) -> Result<Period, String> {
     }
 }
 
-/// A table of the file.
-#[derive(Clone, Copy, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    #[serde(default)]
-    specular: f64,
-    #[serde(default)]
-    transmittance: f64,
-}
+/// The word for the scene's own mirrors and panes; a file of that name is `./scene`.
+const SCENE: &str = "scene";
 
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Tables {
-    #[serde(default)]
-    material: BTreeMap<String, Entry>,
-    #[serde(default)]
-    object: BTreeMap<String, Entry>,
+/// The file of mirrors and panes.
+fn read(path: &Path) -> Result<Glazing> {
+    let text =
+        hemicube_scene::read_regular_text(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
+    toml::from_str(&text).map_err(|error: toml::de::Error| {
+        let start = error.span().map_or(0, |span| span.start);
+        let line = 1 + text
+            .as_bytes()
+            .iter()
+            .take(start)
+            .filter(|&&byte| byte == b'\n')
+            .count();
+        let reason = error.message().trim().replace('\n', ", ");
+        anyhow!(
+            "{}:{line}: it is no file of mirrors and panes: {reason}",
+            path.display()
+        )
+    })
 }
 
 impl PortalSettings {
-    /// Returns whether there is a portal.
-    pub(crate) fn is_given(&self) -> bool {
-        self.specular.is_some() || !self.symmetry.is_empty() || self.sector.is_some() || !self.periodic.is_empty()
+    /// The file of mirrors and panes, to read.
+    pub(crate) fn file(&self) -> Option<PathBuf> {
+        file_of(self.specular.as_ref())
+    }
+
+    /// Names of the bands of mirrors and panes; one where no value has several.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or its bands do not fit each other.
+    pub(crate) fn bands(&self) -> Result<Vec<String>> {
+        match self.file() {
+            Some(path) => {
+                let bands = read(&path)?.bands();
+                bands.with_context(|| format!("`{}` is no file of mirrors and panes", path.display()))
+            }
+            None => Ok(vec!["1".to_owned()]),
+        }
     }
 
     /// The portals of a scene, whose model gets the images.
@@ -174,7 +183,7 @@ impl PortalSettings {
         let specular = self
             .specular
             .as_deref()
-            .map(|path| specular(path, prepared, bound))
+            .map(|path| specular(path, prepared, bound, self.band))
             .transpose()?;
         Ok(Portals { images, specular })
     }
@@ -184,61 +193,48 @@ fn explain(error: ImageError, path: &str) -> anyhow::Error {
     anyhow!("`{path}`: {error}")
 }
 
-/// The mirrors and panes of a scene, by a file.
-fn specular(path: &Path, prepared: &Prepared, bound: f64) -> Result<Specular> {
-    let text =
-        hemicube_scene::read_regular_text(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
-    let tables: Tables = toml::from_str(&text).map_err(|error: toml::de::Error| {
-        let start = error.span().map_or(0, |span| span.start);
-        let line = 1 + text
-            .as_bytes()
-            .iter()
-            .take(start)
-            .filter(|&&byte| byte == b'\n')
-            .count();
-        let reason = error.message().trim().replace('\n', ", ");
-        anyhow!(
-            "{}:{line}: it is no file of mirrors and panes: {reason}",
-            path.display()
-        )
-    })?;
-    let scene = &prepared.scene;
-    let materials: Vec<&str> = scene.materials.iter().map(|material| material.name.as_str()).collect();
-    let objects: Vec<&str> = scene.objects.iter().map(String::as_str).collect();
-    let read = || -> Result<Specular> {
-        let materials = by_name("material", &materials, &tables.material)?;
-        let objects = by_name("object", &objects, &tables.object)?;
-        Ok(Specular::new(scene, &prepared.patches, &materials, &objects, bound)?)
-    };
-    read().with_context(|| format!("`{}` does not fit `{}`", path.display(), prepared.input.path))
+/// The mirrors and panes of `--specular` for commands other than `compute`, of one band.
+///
+/// # Errors
+/// When the file has several bands, or does not fit the scene.
+pub(crate) fn of_one_band(path: &Path, prepared: &Prepared, bound: f64) -> Result<Specular> {
+    if path != Path::new(SCENE) {
+        let bands = read(path)?.bands()?;
+        if bands.len() > 1 {
+            bail!(
+                "`{}` has {} bands, and one is needed here: give numbers in place of lists",
+                path.display(),
+                bands.len()
+            );
+        }
+    }
+    specular(path, prepared, bound, 0)
 }
 
-/// The optics of each name: of its own table, otherwise of the only pattern that matches.
-fn by_name(kind: &str, names: &[&str], tables: &BTreeMap<String, Entry>) -> Result<Vec<Option<Optics>>> {
-    let mut used = BTreeMap::new();
-    let mut found = Vec::with_capacity(names.len());
-    for &name in names {
-        let exact = tables.get_key_value(name);
-        let mut fitting = tables.iter().filter(|(key, _)| matches_glob(key, name));
-        let (first, second) = (fitting.next(), fitting.next());
-        if let (None, Some((first, _)), Some((second, _))) = (exact, first, second) {
-            bail!("{kind} `{name}` fits both `{first}` and `{second}`; name it in a table of its own");
-        }
-        found.push(exact.or(first).map(|(key, entry)| {
-            used.insert(key.as_str(), ());
-            Optics {
-                specular: entry.specular,
-                transmittance: entry.transmittance,
-            }
-        }));
+/// A path of `--specular` to read: not the word for the scene's own.
+pub(crate) fn file_of(path: Option<&PathBuf>) -> Option<PathBuf> {
+    path.filter(|path| path.as_path() != Path::new(SCENE)).cloned()
+}
+
+/// The mirrors and panes of a scene in a band, by a file or its own.
+fn specular(path: &Path, prepared: &Prepared, bound: f64, band: usize) -> Result<Specular> {
+    let scene = &prepared.scene;
+    if path == Path::new(SCENE) {
+        // It was read before, without them.
+        let options = ReadOptions {
+            optics: true,
+            allow_large: true,
+        };
+        let laws = laws_of_scene(&hemicube_scene::load(Path::new(&prepared.input.path), options)?);
+        let specular = Specular::new(scene, &prepared.patches, &laws, &[], bound);
+        return specular.with_context(|| format!("the mirrors and panes of `{}`", prepared.input.path));
     }
-    match tables.keys().find(|key| !used.contains_key(key.as_str())) {
-        Some(unused) => Err(hinted(
-            anyhow!("`[{kind}.\"{unused}\"]` matches no {kind}"),
-            format!("`hemicube inspect` lists the {kind}s of a scene"),
-        )),
-        None => Ok(found),
-    }
+    let glazing = read(path)?;
+    let fit = || -> Result<Specular> {
+        let [materials, objects] = glazing.laws(scene, band)?;
+        Ok(Specular::new(scene, &prepared.patches, &materials, &objects, bound)?)
+    };
+    fit().with_context(|| format!("`{}` does not fit `{}`", path.display(), prepared.input.path))
 }
 
 #[cfg(test)]
@@ -276,20 +272,5 @@ mod tests {
         for wrong in ["x=1", "x=2..1", "x=1..1", "x=..3"] {
             assert!(period(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn tables_go_by_name_then_by_pattern() {
-        let tables: Tables = toml::from_str(
-            "[material.\"glass*\"]\nspecular = 0.1\ntransmittance = 0.7\n[material.glass_door]\nspecular = 0.2\n",
-        )
-        .expect("good TOML");
-        let found = by_name("material", &["wall", "glass_a", "glass_door"], &tables.material).expect("all fit");
-        assert_eq!(found[0], None);
-        assert_eq!(found[1].map(|optics| optics.passed()), Some(0.1 + 0.7));
-        assert_eq!(found[2].map(|optics| optics.specular), Some(0.2));
-        let unused = by_name("material", &["wall"], &tables.material).expect_err("no glass");
-        assert!(unused.to_string().contains("matches no material"), "{unused}");
-        assert!(toml::from_str::<Tables>("[material.a]\nreflectance = 1").is_err());
     }
 }

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use hemicube::Grouping;
 use hemicube::driver::input::SceneInput;
 use hemicube::driver::room::Work;
+use hemicube::portal::Specular;
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
 use hemicube_scene::ReadOptions;
@@ -113,6 +114,20 @@ pub(crate) fn scene(
     };
     prepared.grouping = Grouping::of_store(store, &prepared.scene, &prepared.patches)?;
     Ok(prepared)
+}
+
+/// The mirrors and panes of a matrix; `None` without any.
+///
+/// # Errors
+/// When its settings do not fit the scene.
+pub(crate) fn specular(store: &Store, prepared: &Prepared) -> Result<Option<Specular>> {
+    let found = Specular::of_settings(&prepared.scene, &prepared.patches, &store.manifest().settings);
+    found.with_context(|| {
+        format!(
+            "`{}` says other mirrors and panes than its scene has",
+            store.directory().display()
+        )
+    })
 }
 
 /// The guess of the axis pointing up, where neither the matrix nor its scene at `path` tells; `None` where one does.

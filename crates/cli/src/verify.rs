@@ -152,7 +152,7 @@ pub(crate) struct Closure {
     reference_missed: f64,
 }
 
-/// |Σ F + escaped + blocked + unselected − 1| of a stored row; `None` without known shares.
+/// |Σ F − passed + escaped + blocked + unselected − 1| of a stored row; `None` without known shares.
 fn closure_of(sum: f64, patch: InputPatch, table: &RowTable) -> Option<f64> {
     let of = |column: &[f64]| {
         usize::try_from(patch.0)
@@ -161,6 +161,7 @@ fn closure_of(sum: f64, patch: InputPatch, table: &RowTable) -> Option<f64> {
             .copied()
     };
     let lost = of(&table.escaped)? + of(&table.blocked)? + of(&table.unselected)?;
+    let lost = lost - table.passed_of(usize::try_from(patch.0).ok()?);
     (!lost.is_nan()).then(|| (sum + lost - 1.0).abs())
 }
 
@@ -376,6 +377,7 @@ impl Verify<'_> {
         let samples = groups.map(|groups| Samples::draw(&mut drawn_rows, &groups.grouping, model, self.seed));
         let settings = settings_of(self, drawn_rows.len() as f64 / drawn.row_count().max(1) as f64);
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
+        let reference = reference.with_portals(&plan.portals);
         // An interrupt ends the reference after the rows in progress; their errors are reported.
         let guard = exit::InterruptGuard::new();
         let bar = Bar::rows(talk, drawn_rows.len() as u64, 0);

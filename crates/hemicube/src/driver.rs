@@ -3,6 +3,7 @@
 mod aggregate;
 pub mod calibrate;
 pub mod compute;
+pub mod glazing;
 pub mod input;
 pub mod job;
 pub mod level;

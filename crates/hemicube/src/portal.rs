@@ -36,14 +36,17 @@ mod aim;
 pub mod extend;
 mod gather;
 pub mod images;
+pub mod law;
 mod motion;
 mod pairs;
 mod pass;
+pub mod sight;
 pub mod specular;
 mod trace;
 mod window;
 
 pub use images::{ImageError, ImageSettings, Images, Period, Sector, Symmetry};
+pub use law::Law;
 pub use specular::{Optics, Specular};
 
 use serde::Serialize;

@@ -23,6 +23,8 @@
 //! to any patch in its own plane. Rays are traced through a hierarchy with f32 boxes, widened by more than their
 //! rounding, and meet triangles in f64.
 //!
+//! Rows through mirrors, panes and images of a cell are those of [`Reference::with_portals`].
+//!
 //! Rows depend on the scene, the settings and the emitter only.
 
 mod aggregate;
@@ -30,6 +32,7 @@ mod facing;
 mod hemisphere;
 mod measure;
 mod pair;
+mod portals;
 mod random;
 mod sensors;
 mod visibility;
@@ -124,6 +127,10 @@ pub struct ReferenceRow {
     pub escaped: f64,
     /// Share of rays that meet the back of a one-sided patch.
     pub blocked: f64,
+    /// Share that mirrors and panes hand on of arrivals; form factors are then of arrivals.
+    pub passed: f64,
+    /// Share that goes beyond the last image of a cell, or the last portal followed.
+    pub cut_off: f64,
     /// The largest standard error of `escaped`, of `blocked` and of the two together.
     pub error_of_shares: f64,
     /// Estimated share of patches not found by rays.
@@ -162,9 +169,9 @@ impl ReferenceRow {
         }
     }
 
-    /// Σ F + escaped + blocked, 1 but for errors.
+    /// Σ F − passed + escaped + blocked + cut off, 1 but for errors.
     pub fn closure(&self) -> f64 {
-        self.sum() + self.escaped + self.blocked
+        self.sum() - self.passed + self.escaped + self.blocked + self.cut_off
     }
 
     /// Σ F, with the likely missing part.
@@ -237,6 +244,7 @@ pub struct Reference<'m> {
     model: &'m Model,
     occluders: Occluders,
     settings: ReferenceSettings,
+    through: Option<portals::Through>,
 }
 
 /// Share of patches not found by rays in the squared error aimed at, and in the error of the sum.
@@ -272,6 +280,7 @@ impl<'m> Reference<'m> {
             model,
             occluders: Occluders::new(model),
             settings,
+            through: None,
         })
     }
 
@@ -458,6 +467,7 @@ impl<'m> Reference<'m> {
         row.missed = below.sum + hidden.sum;
         row.missed_squared = below.squared + hidden.squared;
         row.error_of_missed = (below.variance + hidden.variance).sqrt();
+        self.extend(&sight, &mut row);
         row
     }
 

@@ -17,12 +17,14 @@
 mod bins;
 mod files;
 mod grouped;
+mod through;
 
 pub use files::{
     SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_product, sky_view_factors_beside,
-    write_points, write_sky,
+    write_points, write_sky, write_sunlight,
 };
 pub use grouped::{hemicubes_along, sky_of_groups};
+pub use through::{Glazed, sky_through_portals, sunlight};
 
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};

@@ -24,6 +24,16 @@
 //! (Modest 2013, chapter 5; Oppenheim 1956). A given flux is reflectance 1 and emission q; a surface of one unknown
 //! temperature couples its patches (`solve/heat.rs`).
 //!
+//! Mirrors and panes hand on ρs + τ of what arrives; F is then of arrivals, through portals too
+//! ([`crate::portal`]), and what a patch keeps, 1 − ρs − τ, is absorbed or diffusely reflected:
+//!
+//! ```text
+//! B = E + ρd G        G = F B + S B + H        absorbed (1 − ρs − τ − ρd) G        net flux B − (1 − ρs − τ) G
+//! ```
+//!
+//! With B / (1 − ρs − τ), F (1 − ρs − τ)ⱼ and A (1 − ρs − τ) in place of B, F and A these are the equations above: rows
+//! close, A F is symmetric, and at one temperature no net flux is left.
+//!
 //! The matrix is gone through in runs of rows and is never whole in memory ([`Factors`]). Each method needs F times
 //! some vectors, once an iteration, for all right-hand sides together:
 //!
@@ -197,6 +207,34 @@ pub enum SolveError {
     Interrupted,
 }
 
+/// Refuses what patches reflect or emit beside what they hand on: `share` + ρs + τ is at most 1. `what` is the share's
+/// name, `shown` that of a patch's surface.
+///
+/// # Errors
+/// [`SolveError::Problem`] with the first patch beyond that.
+pub fn require_shares(
+    rows: &RowTable,
+    what: &str,
+    shown: impl Fn(usize) -> String,
+    share: impl Fn(usize) -> f64,
+) -> Result<(), SolveError> {
+    for (patch, handed_on) in rows.handed_on.iter().enumerate() {
+        let share = share(patch);
+        if share > rows.kept(patch) + SHARES_ROUNDED {
+            return Err(SolveError::Problem(format!(
+                "{} has the {what} {share}, and ρs + τ of {handed_on} in the matrix: together they are at most 1; give \
+                 it a {what} of {} at most",
+                shown(patch),
+                rows.kept(patch)
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Rounding of shares that sum to 1.
+const SHARES_ROUNDED: f64 = 1e-9;
+
 /// Range of the largest magnitude of a right-hand side, for its squares times areas to be numbers.
 const MAGNITUDES: std::ops::RangeInclusive<f64> = 1e-200..=1e200;
 
@@ -226,9 +264,13 @@ impl Problem {
             }
             if let Some(bad) = returned
                 .iter()
-                .find(|share| !(**share <= 1.0 + 1e-6 && share.is_finite()))
+                .zip(0..)
+                .find(|&(share, patch)| !(share.is_finite() && share * self.rho_most(patch).max(0.0) <= 1.0 + 1e-6))
             {
-                return wrong(format!("{bad} of a view returns; it is at most 1"));
+                return wrong(format!(
+                    "{} of a view returns; what is reflected of it is at most 1",
+                    bad.0
+                ));
             }
         }
         if self.bands.len() != columns || self.bands.iter().any(|&band| band >= self.reflectance.columns()) {
@@ -261,6 +303,11 @@ impl Problem {
     #[inline]
     fn rho(&self, patch: usize, column: usize) -> f64 {
         self.reflectance.of(patch)[self.bands[column]]
+    }
+
+    /// The largest ρ of a patch.
+    fn rho_most(&self, patch: usize) -> f64 {
+        self.reflectance.of(patch).iter().copied().fold(0.0, f64::max)
     }
 
     /// S of a patch.
@@ -571,9 +618,9 @@ fn exponent(magnitude: f64) -> i32 {
 pub struct EnergyBalance {
     /// Σ A E.
     pub emitted: f64,
-    /// Σ A H.
+    /// Σ A H; of mirrors and panes Σ A (1 − ρs − τ) H, the rest being in the H of others.
     pub from_outside: f64,
-    /// Σ A (1 − ρ) G.
+    /// Σ A (1 − ρ) G; Σ A (1 − ρs − τ − ρ) G.
     pub absorbed: f64,
     /// Left the scene.
     pub escaped: f64,
@@ -639,7 +686,8 @@ pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], row
     let mut balances = vec![EnergyBalance::default(); problem.emission.columns()];
     for (patch, &area) in areas.iter().enumerate() {
         let shares = [rows.escaped[patch], rows.blocked[patch], rows.unselected[patch]].map(known);
-        let sum = known(rows.row_sum[patch]);
+        let kept = rows.kept(patch);
+        let sum = known(rows.row_sum[patch]) - rows.passed_of(patch);
         for (column, balance) in balances.iter_mut().enumerate() {
             let radiosity = solution.radiosity.of(patch)[column];
             let irradiance = solution.irradiance.of(patch)[column];
@@ -651,9 +699,9 @@ pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], row
             let rho = problem.rho(patch, column);
             let leaving = area * radiosity;
             balance.emitted += area * emission;
-            balance.from_outside += area * outside;
-            balance.absorbed += area * (1.0 - rho) * irradiance;
-            let returned = leaving * problem.back(patch);
+            balance.from_outside += area * kept * outside;
+            balance.absorbed += area * (kept - rho) * irradiance;
+            let returned = leaving * kept * problem.back(patch);
             balance.returned += returned;
             balance.escaped += leaving * shares[0];
             if problem.returned.is_none() {
@@ -663,7 +711,7 @@ pub fn energy_balance(problem: &Problem, solution: &Solution, areas: &[f64], row
             } else {
                 balance.closure += leaving * (1.0 - sum - shares[0]) - returned;
             }
-            balance.reciprocity += leaving * sum - (area * (irradiance - outside) - returned);
+            balance.reciprocity += leaving * sum - (area * kept * (irradiance - outside) - returned);
             balance.residual += area * (emission + rho * irradiance - radiosity);
         }
     }

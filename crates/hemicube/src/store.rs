@@ -65,8 +65,8 @@ pub use error::{Error, Result};
 pub use factors::{FactorIter, FactorSlice, FactorVec, Precision};
 pub use lock::FolderLock;
 pub use manifest::{
-    BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchTable, SceneEntry, VERSION,
-    VERSION_DOUBLE, VERSION_EXTENDED, VERSION_MIN, scene_hash,
+    BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchOptics, PatchTable, SceneEntry,
+    VERSION, VERSION_DOUBLE, VERSION_EXTENDED, VERSION_MIN, optics_of, scene_hash,
 };
 pub use matrix::{F32_COMMENT, Matrix, MatrixRow};
 pub use npy::{Element, ElementType};

@@ -161,6 +161,7 @@ fn conditions(count: usize, of: impl Fn(usize) -> Given, nodes: &[f64], room: &R
         nodes: nodes.to_vec(),
         outside: None,
         returned: vec![0.0; count],
+        handed_on: Vec::new(),
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::attended::{Attendant, attended};
 use crate::errors;
 use crate::matrix::Matrix;
+use crate::portals;
 use crate::scene::Scene;
 use crate::session::BackendChoice;
 use hemicube::accuracy::correct::Correction;
@@ -11,7 +12,7 @@ use hemicube::driver::compute::{Progress, RowChoice};
 use hemicube::driver::job::{Job, Observer, Run, Sessions, Stage, StorePlace};
 use hemicube::driver::level::Asked;
 use hemicube::store::{Form, PatchTable, Store};
-use hemicube::{Grouping, PatchKind};
+use hemicube::{Grouping, Model, PatchKind};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use std::cell::Cell;
@@ -30,6 +31,8 @@ type Rows = (u64, u64);
 #[derive(Debug)]
 struct Request {
     job: Job,
+    /// With images of the scene, where it is a part; otherwise the scene's.
+    model: Option<Model>,
     backend: BackendChoice,
     output: Option<PathBuf>,
     overwrite: bool,
@@ -133,7 +136,8 @@ impl Request {
             rows: self.backend.open()?,
             calibration: self.backend.open()?,
         };
-        let run = self.job.prepare(&scene.input, &scene.model, sessions, &observer);
+        let model = self.model.as_ref().unwrap_or(&scene.model);
+        let run = self.job.prepare(&scene.input, model, sessions, &observer);
         let run = run.map_err(|error| errors::job(&error))?;
         match &self.output {
             None => in_memory(run, scene, &observer),
@@ -199,6 +203,12 @@ fn interrupted() -> PyErr {
 /// `patches='object'`, `'material'` or `'face'` makes rows and columns of those instead of triangles; `Matrix.names`
 /// has their names, and `rows` and `sample_rows` count them.
 ///
+/// `specular` follows mirrors and panes, by name: `{"object": {"mirror": {"specular": 0.9}}, "material": {"glass*":
+/// {"index": 1.52, "thickness": 0.006, "extinction": 20}}}`; form factors are then of what arrives, and
+/// `specular_bound` is the share of a path at which it ends. `symmetry={"x": 0}`, `sector=("z", 12)` and
+/// `periodic={"y": (0, 80)}` say that the scene is one side of a plane, a sector, or one cell (`repeats` on either
+/// side). `Matrix.specular_reflectance`, `.transmittance`, `.passed` and `.cut_off` tell of it.
+///
 /// Without `output` the matrix is in memory. With it, it is a store in that directory, with the bytes of the program's
 /// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room,
 /// `store='double'` keeps form factors in f64.
@@ -214,7 +224,8 @@ fn interrupted() -> PyErr {
     scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
     sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), patches=None,
     min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto",
-    culling=None, batch=0, threads=0, progress=None
+    culling=None, batch=0, threads=0, progress=None, specular=None, specular_bound=None,
+    symmetry=std::collections::BTreeMap::new(), sector=None, periodic=std::collections::BTreeMap::new(), repeats=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(
@@ -244,8 +255,24 @@ pub(crate) fn compute(
     batch: usize,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
+    specular: Option<&Bound<'_, PyAny>>,
+    specular_bound: Option<f64>,
+    symmetry: std::collections::BTreeMap<String, f64>,
+    sector: Option<(String, u32)>,
+    periodic: std::collections::BTreeMap<String, (f64, f64)>,
+    repeats: Option<u32>,
 ) -> PyResult<Matrix> {
     let scene = scene.get();
+    let asked_portals = portals::Asked {
+        specular,
+        specular_bound,
+        symmetry,
+        sector,
+        periodic,
+        repeats,
+        tolerance,
+    };
+    let (portals, model) = asked_portals.portals(scene)?;
     let kind = match patches {
         None => PatchKind::Triangle,
         Some(name) => PatchKind::of_name(name).ok_or_else(|| {
@@ -278,7 +305,7 @@ pub(crate) fn compute(
         )));
     }
     let job = Job {
-        portals: Arc::default(),
+        portals: Arc::new(portals),
         accuracy: asked(tolerance, correction, resolution, samples)?,
         rotate: rotation,
         rows: choice,
@@ -306,6 +333,7 @@ pub(crate) fn compute(
     let options = backend_options.unwrap_or_default().into_iter().collect();
     let request = Request {
         job,
+        model,
         backend: BackendChoice::new(backend, backend_dir, options, engine)?,
         output,
         overwrite,

@@ -125,7 +125,7 @@ pub(crate) fn solve(
     (ambient, ground): (f64, Option<(f64, Vec<f64>)>),
     manner: Manner<'_, '_>,
 ) -> PyResult<(HeatSolution, Option<Vec<f64>>)> {
-    let (table, rows) = (matrix.patches()?, matrix.table()?);
+    let (table, rows) = (matrix.patches()?, matrix.exchange_table()?);
     let properties = properties_of(matrix, &table, given)?;
     let thermal = properties.thermal().map_err(wrong)?;
     let heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, &rows);
@@ -203,7 +203,7 @@ pub(crate) fn by_surface(
             matrix.patch_count()
         )));
     }
-    let (table, rows) = (matrix.patches()?, matrix.table()?);
+    let (table, rows) = (matrix.patches()?, matrix.exchange_table()?);
     let of = (&table, &rows, matrix.group_names());
     let (surfaces, balance) = heat_by_surface(of, by, solved, outside, temperature);
     Ok(HeatBySurface { surfaces, balance })

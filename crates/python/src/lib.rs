@@ -22,6 +22,7 @@ mod numbers;
 mod pandas;
 mod pickle;
 mod points;
+mod portals;
 mod scene;
 mod session;
 mod sky;

@@ -7,8 +7,8 @@ use crate::{errors, numbers, pickle};
 use hemicube::InputPatch;
 use hemicube::solve::{Block, Factors, OutOfCore, multiply};
 use hemicube::store::{
-    Assembly, Error as StoreError, FactorSlice, FactorVec, Header, Index, Part, PatchTable, Precision, RowTable, Store,
-    StoreWriter,
+    Assembly, Error as StoreError, FactorSlice, FactorVec, Header, Index, Part, PatchOptics, PatchTable, Precision,
+    RowTable, Store, StoreWriter, optics_of,
 };
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyIndexError;
@@ -363,6 +363,9 @@ impl Matrix {
     /// The matrix of finished parts. Their entries are dropped when they are in their places.
     pub(crate) fn in_memory(header: Header, patches: PatchTable, mut parts: Vec<Part>) -> PyResult<Self> {
         let mut table = RowTable::unknown(patches.len());
+        let optics = optics_of(&header.settings, [&header.objects, &header.materials], &patches);
+        let passed = |optics: Option<PatchOptics>| optics.map_or(0.0, |optics| optics.specular + optics.transmittance);
+        table.handed_on = optics.into_iter().flatten().map(passed).collect();
         let mut entries = vec![0; patches.len()];
         let mut norm = 0.0;
         for part in &parts {
@@ -453,6 +456,20 @@ impl Matrix {
         attend(&stored(Store::open(&directory))?)
     }
 
+    /// A value of the mirror or pane that each patch is; 0 for others.
+    fn optics(&self, value: impl Fn(PatchOptics) -> f64) -> PyResult<Vec<f64>> {
+        let table = self.patches()?;
+        let found = match &self.source {
+            Source::Memory(memory) => {
+                let header = &memory.header;
+                optics_of(&header.settings, [&header.objects, &header.materials], &table)
+            }
+            Source::Store(store) => store.manifest().optics_of(&table),
+        };
+        let of = |optics: Option<PatchOptics>| optics.map_or(0.0, &value);
+        Ok(found.map_or_else(|| vec![0.0; table.len()], |found| found.into_iter().map(of).collect()))
+    }
+
     pub(crate) fn patch_count(&self) -> usize {
         match &self.source {
             Source::Memory(memory) => memory.patches.len(),
@@ -464,6 +481,14 @@ impl Matrix {
         match &self.source {
             Source::Memory(memory) => Ok(memory.table.clone()),
             Source::Store(store) => stored(store.row_table()),
+        }
+    }
+
+    /// The rows' shares for exchanges.
+    pub(crate) fn exchange_table(&self) -> PyResult<RowTable> {
+        match &self.source {
+            Source::Memory(memory) => Ok(memory.table.clone()),
+            Source::Store(store) => stored(store.exchange_table()),
         }
     }
 
@@ -692,6 +717,35 @@ impl Matrix {
     #[getter]
     fn unselected<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |table| table.unselected)
+    }
+
+    /// Specular reflectance ρs of each patch, from 0 to 1; the hemispherical mean where it depends on the angle.
+    #[getter]
+    fn specular_reflectance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(PyArray1::from_vec(py, self.optics(|optics| optics.specular)?))
+    }
+
+    /// Transmittance τ of each patch, from 0 to 1; the hemispherical mean where it depends on the angle.
+    #[getter]
+    fn transmittance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(PyArray1::from_vec(py, self.optics(|optics| optics.transmittance)?))
+    }
+
+    /// Share of each row that mirrors and panes handed on after it had arrived; 0 without any.
+    #[getter]
+    fn passed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let count = self.patch_count();
+        self.column(py, |table| (0..count).map(|patch| table.passed_of(patch)).collect())
+    }
+
+    /// Share of each row cut off after the last portal followed, a part of `unselected`; 0 without portals.
+    #[getter]
+    fn cut_off<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let count = self.patch_count();
+        self.column(py, |table| match table.cut_off.is_empty() {
+            true => vec![0.0; count],
+            false => table.cut_off,
+        })
     }
 
     /// Closure error of each row: row sum + escaped + blocked + unselected − 1, less what mirrors and panes handed on.

@@ -7,7 +7,7 @@ use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use hemicube::solve::{
     Block, EnergyBalance, Factors, Method, Problem, STEFAN_BOLTZMANN, Solution as Solved, SolveOptions, energy_balance,
-    solve as solve_for,
+    require_shares, solve as solve_for,
 };
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeWarning;
@@ -27,6 +27,8 @@ pub(crate) struct Solution {
     temperature: Option<Vec<f64>>,
     /// Irradiance of heat from the surroundings, patch by patch, where there is one state.
     outside: Option<Vec<f64>>,
+    /// ρs + τ of each patch; empty without mirrors and panes.
+    handed_on: Vec<f64>,
     is_block: bool,
 }
 
@@ -107,12 +109,12 @@ impl Solution {
         self.balance.iter().map(dict).collect()
     }
 
-    /// B − G, the net flux of each patch: of heat in W/m², positive where the patch gives off more than it receives.
+    /// B − G, the net flux of each patch, B − (1 − ρs − τ) G of mirrors and panes: of heat in W/m², positive where the patch gives off more than it receives.
     #[getter]
     fn flux<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let (sent, received) = (&self.solved.radiosity, &self.solved.irradiance);
         let flux = Block::from_fn(sent.patches(), sent.columns(), |patch, side| {
-            sent.of(patch)[side] - received.of(patch)[side]
+            sent.of(patch)[side] - (1.0 - self.handed_on.get(patch).unwrap_or(&0.0)) * received.of(patch)[side]
         });
         array(py, &flux, self.is_block)
     }
@@ -163,6 +165,7 @@ impl Solution {
                 .map(|values| PyArray1::from_vec(py, values)),
             solution.is_block,
             solution.outside.clone().map(|values| PyArray1::from_vec(py, values)),
+            solution.handed_on.clone(),
         );
         Ok((maker(py, "_solution_of")?, arguments.into_pyobject(py)?))
     }
@@ -252,12 +255,20 @@ pub(crate) fn solve(
             values[patch * given + if given == 1 { 0 } else { side }]
         })
     };
+    let rows = matrix.exchange_table()?;
+    let shown = |patch: usize| format!("patch {patch}");
+    let most = |patch: usize| {
+        (0..bands)
+            .map(|band| reflected[patch * bands + band])
+            .fold(0.0, f64::max)
+    };
+    require_shares(&rows, "reflectance", shown, most).map_err(|error| errors::solving(&error))?;
     let problem = Problem {
         reflectance: Block::from_fn(count, bands, |patch, band| reflected[patch * bands + band]),
         bands: (0..sides).map(|side| side % bands).collect(),
         emission: block(&emitted, columns),
         outside: outside.as_ref().map(|(values, columns, _)| block(values, *columns)),
-        returned: Some(matrix.table()?.returned()),
+        returned: Some(rows.returned()),
     };
     let options = options(method, restart, tolerance, max_iterations, threads)?;
     let manner = Manner {
@@ -320,12 +331,14 @@ fn solution<'py>(py: Python<'py>, matrix: &Matrix, problem: &Problem, manner: Ma
         },
     )?;
     warn_unconverged(py, &solved)?;
-    let balance = energy_balance(problem, &solved, &matrix.area()?, &matrix.table()?);
+    let rows = matrix.exchange_table()?;
+    let balance = energy_balance(problem, &solved, &matrix.area()?, &rows);
     Ok(Solution {
         solved,
         balance: terms(&balance),
         temperature: None,
         outside: None,
+        handed_on: rows.handed_on,
         is_block: manner.is_block,
     })
 }
@@ -418,12 +431,14 @@ fn heat_of_properties(
 ) -> PyResult<Solution> {
     let (found, outside) = heat::solve(py, matrix, properties, surroundings, manner)?;
     warn_unconverged(py, &found.solution)?;
-    let balance = energy_balance(&found.problem, &found.solution, &matrix.area()?, &matrix.table()?);
+    let rows = matrix.exchange_table()?;
+    let balance = energy_balance(&found.problem, &found.solution, &matrix.area()?, &rows);
     Ok(Solution {
         solved: found.solution,
         balance: terms(&balance),
         temperature: Some(found.temperature),
         outside,
+        handed_on: rows.handed_on,
         is_block: false,
     })
 }
@@ -456,15 +471,17 @@ where
     }
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let of = |patch: usize, side: usize| kelvin[patch * columns + side];
-    let table = matrix.table()?;
+    let table = matrix.exchange_table()?;
+    let shown = |patch: usize| format!("patch {patch}");
+    require_shares(&table, "emissivity", shown, |patch| emissivity[patch]).map_err(|error| errors::solving(&error))?;
     let escaped = |patch: usize| Some(table.escaped[patch]).filter(|share| !share.is_nan());
     let problem = Problem {
         // Patches adiabatic at some right-hand sides only have a reflectance a side.
         reflectance: Block::from_fn(count, columns, |patch, side| {
             if of(patch, side).is_nan() {
-                1.0
+                table.kept(patch)
             } else {
-                1.0 - emissivity[patch]
+                (table.kept(patch) - emissivity[patch]).max(0.0)
             }
         }),
         bands: (0..columns).collect(),
@@ -483,8 +500,12 @@ where
         returned: Some(table.returned()),
     };
     let mut found = solution(py, matrix, &problem, manner(is_block)?)?;
-    let radiosity = found.solved.radiosity.values();
-    // An adiabatic patch sends as much as a black one of its temperature.
+    // An adiabatic patch sends as much as a black one of its temperature; of a mirror, what it would send.
+    let radiosity = Block::from_fn(count, columns, |patch, side| match table.kept(patch) {
+        1.0 => found.solved.radiosity.of(patch)[side],
+        _ => found.solved.irradiance.of(patch)[side],
+    });
+    let radiosity = radiosity.values();
     let settled = |(&kelvin, &sent): (&f64, &f64)| match kelvin.is_nan() {
         true => (sent / STEFAN_BOLTZMANN).max(0.0).powf(0.25),
         false => kelvin,
@@ -503,7 +524,8 @@ pub(crate) const KELVIN_MAX: f64 = 1e6;
 /// The solution of a pickle.
 #[pyfunction]
 #[pyo3(name = "_solution_of", signature = (
-    radiosity, irradiance, residuals, iterations, converged, balance, temperature, is_block, outside=None
+    radiosity, irradiance, residuals, iterations, converged, balance, temperature, is_block, outside=None,
+    handed_on=Vec::new()
 ))]
 #[allow(clippy::too_many_arguments, reason = "the state of a solution")]
 pub(crate) fn solution_of(
@@ -516,6 +538,7 @@ pub(crate) fn solution_of(
     temperature: Option<&Bound<'_, PyAny>>,
     is_block: bool,
     outside: Option<&Bound<'_, PyAny>>,
+    handed_on: Vec<f64>,
 ) -> PyResult<Solution> {
     let patches = radiosity.len()?;
     let block = |given: &Bound<'_, PyAny>, what| {
@@ -549,6 +572,7 @@ pub(crate) fn solution_of(
         balance,
         temperature,
         outside,
+        handed_on,
         is_block,
     })
 }

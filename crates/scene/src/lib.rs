@@ -78,6 +78,24 @@ pub struct Material {
     pub diffuse: Option<[f64; 3]>,
     /// Emitted radiosity (linear RGB, the file's own unit), if the file gives one and it was asked for.
     pub emission: Option<[f64; 3]>,
+    /// The mirror or pane that it is, if the file says so and optics were asked for.
+    pub gloss: Option<Gloss>,
+}
+
+/// A mirror or a pane, as files for pictures give it. Red, green and blue, from 0 to 1.
+///
+/// | file | mirror | pane |
+/// |---|---|---|
+/// | MTL | `illum` 3, 8: ρs = `Ks`; 5: by Fresnel with `Ni`, or `Ks` | `illum` 4, 6, 9: τ = 1 − `d`, ρs = `Ks`, at most `d`; 7: by Fresnel with `Ni`, the glass letting through 1 − `d` |
+/// | glTF | metallic 1, roughness 0: ρs = base colour | `KHR_materials_transmission`, roughness 0: by Fresnel with `ior` (1.5), the glass letting through the factor times the base colour |
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gloss {
+    /// Specular reflectance; of no meaning with an index.
+    pub specular: [f64; 3],
+    /// Transmittance; with an index that of the glass alone, between its faces.
+    pub transmittance: [f64; 3],
+    /// Index of refraction: reflectance and transmittance follow from it by Fresnel's equations.
+    pub index: Option<f64>,
 }
 
 /// The axis pointing up in a scene.

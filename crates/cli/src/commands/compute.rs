@@ -31,7 +31,7 @@ use hemicube::{Grouping, InputPatch, PatchKind};
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -284,7 +284,43 @@ impl Tally {
     }
 }
 
-pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
+pub(crate) fn run(mut arguments: Arguments, talk: Talk) -> Result<Exit> {
+    let bands = arguments.portals.bands()?;
+    let Some(whole) = arguments.output.clone().filter(|_| bands.len() > 1) else {
+        return run_band(&arguments, talk);
+    };
+    if arguments.report.json.is_some() {
+        bail!(
+            "`--json` reports on one matrix, and mirrors and panes of {} bands give as many; leave it out, and ask \
+             `hemicube check DIR --json` of each",
+            bands.len()
+        );
+    }
+    for (band, name) in bands.iter().enumerate() {
+        arguments.portals.band = band;
+        arguments.output = Some(of_band(&whole, name));
+        talk.say(&format!("band {name}, {} of {}", band + 1, bands.len()));
+        match run_band(&arguments, talk)? {
+            Exit::Done => {}
+            other => return Ok(other),
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// The name of a band's matrix: `room-red.hemicube` of `room.hemicube`.
+fn of_band(whole: &Path, band: &str) -> PathBuf {
+    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
+    let stem = part(whole.file_stem()).unwrap_or_default();
+    let name = match part(whole.extension()) {
+        Some(extension) => format!("{stem}-{band}.{extension}"),
+        None => format!("{stem}-{band}"),
+    };
+    whole.with_file_name(name)
+}
+
+/// Computes one matrix.
+fn run_band(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     // clap requires a scene; only `--print-config` goes without.
     let (Some(scene_path), Some(directory)) = (arguments.scene.as_deref(), arguments.output.as_deref()) else {
         bail!("a scene is needed");
@@ -302,12 +338,6 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
             });
             shard
         });
-    if arguments.verify.is_some() && arguments.portals.is_given() {
-        bail!(
-            "`--verify` measures rows by rays that go through no portal; leave it out with `--specular`, `--symmetry`, \
-             `--sector` and `--periodic`"
-        );
-    }
     let json = JsonReport::open(&arguments.report)?;
     let backend = arguments.render.open_backend(talk)?;
     check_place(directory)?;
@@ -320,7 +350,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         status: &status,
         talk,
     };
-    let result = compute_into(&arguments, scene_path, opened, json);
+    let result = compute_into(arguments, scene_path, opened, json);
     status.end(match &result {
         Ok(Exit::Interrupted) => "interrupted",
         Ok(_) => "done",

@@ -11,16 +11,18 @@ use crate::report::{
 };
 use crate::stored;
 use crate::table;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
 use hemicube::driver::room::Work;
+use hemicube::portal::Specular;
+use hemicube::portal::specular::SpecularRecord;
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
-    Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along, rows_of_points,
-    sky_of_groups, sky_of_patches, write_points, write_sky,
+    Glazed, Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along, rows_of_points,
+    sky_of_groups, sky_of_patches, sky_through_portals, sunlight, write_points, write_sky, write_sunlight,
 };
 use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
 use hemicube::{Grouping, InputPatch};
@@ -33,11 +35,13 @@ use std::time::Instant;
 
 /// Pixels along an edge, without an option or a matrix.
 const RESOLUTION: u32 = 256;
+/// A path ends where no more than this share of it is left.
+const BOUND: f64 = 1e-4;
 /// n: rays to the sun start from n² points of a patch.
 const SUN_POINTS: u32 = 4;
 
 /// Files in the output directory.
-pub(crate) const FILES: [&str; 3] = ["sky.npz", "sky.json", "points-sky.npz"];
+pub(crate) const FILES: [&str; 4] = ["sky.npz", "sky.json", "points-sky.npz", "sunlight.npy"];
 
 const EXAMPLES: &str = "  \
   hemicube sky city.obj --up z -o city-sky --tolerance 0.5%
@@ -91,6 +95,9 @@ pub(crate) struct Arguments {
     /// Hemicubes a patch: 1, 4, 9, 16… [default: 1, or the matrix's]
     #[arg(long, value_name = "K", value_parser = samples, conflicts_with = "tolerance")]
     pub(crate) samples: Option<u32>,
+    /// See through these mirrors and panes: `[material.NAME]`, `specular = 0.9`; `scene`: its own
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["tolerance", "points"])]
+    pub(crate) specular: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
     #[command(flatten)]
@@ -112,6 +119,7 @@ impl Arguments {
             .store(&self.store)
             .reads(&self.points)
             .reads(&self.suns)
+            .reads(&crate::portals::file_of(self.specular.as_ref()))
             .writes("-o", &files, self.overwrite)
             .writes("--csv", &self.csv, self.overwrite)
             .reports(&self.report)
@@ -165,6 +173,9 @@ struct Record {
     /// Refined rows still changing by more than the tolerance at the last level.
     unsettled: u64,
     hemicubes: u64,
+    /// Mirrors and panes that the sky and the suns are seen through.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    specular: Option<SpecularRecord>,
 }
 
 /// A point elsewhere than in the open.
@@ -353,6 +364,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     tell_of_suns(arguments, &suns, horizon, talk);
     let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);
+    let specular = specular(arguments, &prepared, store.as_ref())?;
     let matrix = store.as_ref().map(|store| of_matrix(store, &prepared)).transpose()?;
     let task = Task {
         arguments,
@@ -363,6 +375,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         points: points.items,
         suns: suns.items,
         matrix,
+        specular,
     };
     // Files of two runs side by side would claim to belong together.
     let _lock = output.as_deref().map(taken).transpose()?;
@@ -440,6 +453,27 @@ fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
     Ok(Some(store))
 }
 
+/// The mirrors and panes that the sky is seen through: those asked for, otherwise the matrix's.
+fn specular(arguments: &Arguments, prepared: &Prepared, store: Option<&Store>) -> Result<Option<Specular>> {
+    let of_matrix = match store {
+        Some(store) => stored::specular(store, prepared)?,
+        None => None,
+    };
+    let Some(path) = &arguments.specular else {
+        return Ok(of_matrix);
+    };
+    let bound = of_matrix.as_ref().map_or(BOUND, |specular| specular.bound);
+    let found = crate::portals::of_one_band(path, prepared, bound)?;
+    match store {
+        Some(store) if of_matrix.as_ref() != Some(&found) => bail!(
+            "the mirrors and panes of `{}` are not those of `{}`: leave `--specular` out, and they are the matrix's",
+            path.display(),
+            store.directory().display()
+        ),
+        _ => Ok(Some(found)),
+    }
+}
+
 /// Reads the scene, with the subdivision of the matrix if there is one.
 fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepared> {
     match store {
@@ -492,6 +526,7 @@ struct Task<'a> {
     points: Vec<SensorPoint>,
     suns: Vec<DVec3>,
     matrix: Option<OfMatrix>,
+    specular: Option<Specular>,
 }
 
 impl Task<'_> {
@@ -529,15 +564,20 @@ impl Task<'_> {
             bar.at(done as u64);
             !cancel.load(Ordering::SeqCst)
         };
-        let found = sky_of_patches(
-            &self.prepared.model,
-            &rows,
-            &self.division,
-            self.horizon,
-            self.options,
-            backend,
-            &mut go_on,
-        )?;
+        let found = match self.glazed() {
+            Some(glazed) => {
+                sky_through_portals(&self.prepared.model, &rows, glazed, self.options, backend, &mut go_on)?
+            }
+            None => sky_of_patches(
+                &self.prepared.model,
+                &rows,
+                &self.division,
+                self.horizon,
+                self.options,
+                backend,
+                &mut go_on,
+            )?,
+        };
         let Some(found) = found else { return Ok(None) };
         let mut found = found.into_iter();
         let rows = closed.into_iter().map(|row| row.or_else(|| found.next()));
@@ -556,6 +596,15 @@ impl Task<'_> {
             }
         }
         Ok(Some(found))
+    }
+
+    /// The sky with the mirrors and panes that it is seen through.
+    fn glazed(&self) -> Option<Glazed<'_>> {
+        self.specular.as_ref().map(|specular| Glazed {
+            division: &self.division,
+            horizon: self.horizon,
+            specular,
+        })
     }
 
     /// Areas of the elements.
@@ -600,6 +649,12 @@ impl Task<'_> {
     /// Writes the directory's files.
     fn keep(&self, output: &Path, of_patches: &[SkyRow], of_points: &[PointRow], record: &Record) -> Result<()> {
         let lit = sunlit(self.prepared, &self.suns, self.horizon, self.options.threads)?;
+        if let (Some(glazed), false) = (self.glazed(), self.suns.is_empty()) {
+            let patches: Vec<InputPatch> = self.prepared.patches.iter().collect();
+            let (model, threads) = (&self.prepared.model, self.options.threads);
+            let light = sunlight(model, &patches, &self.suns, glazed, SUN_POINTS, threads);
+            write_sunlight(&output.join("sunlight.npy"), [patches.len(), self.suns.len()], &light)?;
+        }
         let lit = lit.map(|lit| match &self.prepared.grouping {
             Some(grouping) => lit_patches(&lit, self.suns.len(), grouping, &self.areas()),
             None => lit,
@@ -725,6 +780,7 @@ impl Task<'_> {
             ground: views.ground,
             unsettled,
             hemicubes: rows.iter().map(|row| u64::from(row.hemicubes)).sum(),
+            specular: self.specular.as_ref().map(Specular::record),
         }
     }
 

@@ -19,7 +19,7 @@ use clap::{Args, ValueEnum};
 use hemicube::sky::sky_product;
 use hemicube::solve::{
     ArrayFile, Block, EnergyBalance, Method, Optics, OutOfCore, Problem, Solution, SolutionWriter, SolveError,
-    SolveOptions, Step, StoredSolution, Temperature, energy_balance, solve,
+    SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
 use serde::Serialize;
@@ -333,7 +333,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let started = Instant::now();
     let table = store.patches()?;
     table.require_one_material(&store)?;
-    let rows = store.row_table()?;
+    let rows = store.exchange_table()?;
     let task = Task::new(arguments, &store, &table, &rows, talk)?;
     let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);
     let factors = OutOfCore::new(&store, arguments.memory / 2)?;
@@ -473,7 +473,8 @@ fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution, t
     let prepared = stored::scene(store, scene, &EngineSettings::default(), arguments.allow_large)?;
     prepared.tell_up(arguments.camera.up, talk);
     let values = model::of_solution(stored, arguments.shown())?;
-    model::draw(&prepared, &values, &arguments.camera, picture)
+    let specular = stored::specular(store, &prepared)?;
+    model::draw(&prepared, &values, &arguments.camera, specular.as_ref(), picture)
 }
 
 /// Number of right-hand sides solved together: their vectors take half the memory.
@@ -592,7 +593,7 @@ impl<'a> Task<'a> {
             record.iterations = record.iterations.max(solution.iterations);
             record.residuals.extend(&solution.residuals);
             record.balance.extend(balance);
-            keep(writer, &solution, temperature.as_deref())?;
+            keep(writer, &solution, temperature.as_deref(), self.row_table)?;
             first = end;
         }
         Ok(Some(()))
@@ -654,6 +655,13 @@ impl<'a> Task<'a> {
         }
         let sky = Sky::read(arguments, store, &bands, emission.as_ref())?;
         let kind_of_patch = properties.kind_of_patch().to_vec();
+        let of = |patch: usize| &optics[kind_of_patch[patch] as usize];
+        let shown = |patch: usize| match (&of(patch).object, &of(patch).name) {
+            (Some(object), _) => format!("object `{object}`"),
+            (None, material) => format!("material `{material}`"),
+        };
+        let most = |patch: usize| of(patch).reflectance.iter().copied().fold(0.0, f64::max);
+        require_shares(row_table, "reflectance", shown, most)?;
         let dark = |kind: &u32| optics[*kind as usize].emission.iter().all(|&emission| emission == 0.0);
         if emission.is_none() && sky.is_none() && kind_of_patch.iter().all(dark) {
             return Err(hinted(
@@ -772,14 +780,16 @@ impl Sky {
 }
 
 /// Writes right-hand sides: radiosity and irradiance, and of heat flux and temperature.
-fn keep(writer: &mut SolutionWriter, solution: &Solution, temperature: Option<&[f64]>) -> Result<()> {
+fn keep(writer: &mut SolutionWriter, solution: &Solution, temperature: Option<&[f64]>, rows: &RowTable) -> Result<()> {
     writer.append(0, &solution.radiosity)?;
     writer.append(1, &solution.irradiance)?;
     if let Some(temperature) = temperature {
         let (b, g) = (&solution.radiosity, &solution.irradiance);
         writer.append(
             2,
-            &Block::from_fn(b.patches(), 1, |patch, _| b.of(patch)[0] - g.of(patch)[0]),
+            &Block::from_fn(b.patches(), 1, |patch, _| {
+                b.of(patch)[0] - rows.kept(patch) * g.of(patch)[0]
+            }),
         )?;
         writer.append(3, &Block::from_fn(b.patches(), 1, |patch, _| temperature[patch]))?;
     }

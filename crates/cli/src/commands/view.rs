@@ -36,12 +36,11 @@ impl View {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         match self {
-            Self::Hemicube(a) => {
-                Paths::default()
-                    .reads([&a.scene])
-                    .store(&a.store)
-                    .writes("-o", &a.output, a.overwrite)
-            }
+            Self::Hemicube(a) => Paths::default()
+                .reads([&a.scene])
+                .store(&a.store)
+                .reads(&crate::portals::file_of(a.specular.as_ref()))
+                .writes("-o", &a.output, a.overwrite),
             Self::Model(a) => {
                 Paths::default()
                     .reads([&a.scene])

@@ -10,6 +10,8 @@ use anyhow::{Result, anyhow};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use hemicube::InputPatch;
+use hemicube::portal::Specular;
+use hemicube::portal::sight::ThroughPortals;
 use hemicube::solve::StoredSolution;
 use hemicube_scene::Axis;
 use std::collections::HashMap;
@@ -354,7 +356,13 @@ impl Tone {
 ///
 /// # Errors
 /// When the camera looks at its own place, or the picture cannot be written.
-pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output: &Path) -> Result<()> {
+pub(crate) fn draw(
+    prepared: &Prepared,
+    values: &Values,
+    camera: &Camera,
+    specular: Option<&Specular>,
+    output: &Path,
+) -> Result<()> {
     let lens = camera.lens(prepared)?;
     let seen = trace(prepared, &lens);
     // A patch hit away from all pixels of the frame: nothing is in sight.
@@ -367,6 +375,10 @@ pub(crate) fn draw(prepared: &Prepared, values: &Values, camera: &Camera, output
     let view = Shot {
         prepared,
         camera,
+        through: match (specular, values) {
+            (Some(specular), Values::Light(_)) => behind(prepared, specular, &lens, &seen),
+            _ => HashMap::new(),
+        },
         lens,
         seen,
     };
@@ -383,6 +395,54 @@ struct Shot<'a> {
     camera: &'a Camera,
     lens: Lens,
     seen: Vec<Seen>,
+    /// What is seen in mirrors and through panes, and its share, by sample.
+    through: HashMap<usize, Vec<(Seen, f64)>>,
+}
+
+/// What samples that show a mirror or a pane see behind it.
+fn behind(prepared: &Prepared, specular: &Specular, lens: &Lens, seen: &[Seen]) -> HashMap<usize, Vec<(Seen, f64)>> {
+    let mut through = ThroughPortals::new(specular, None, &prepared.model);
+    let mut found = HashMap::new();
+    let from = prepared.model.normalise(lens.origin);
+    for (place, sample) in seen.iter().enumerate() {
+        if sample.patch == u32::MAX || !specular.of(sample.patch).is_portal() {
+            continue;
+        }
+        let (x, y) = (place % lens.width, place / lens.width);
+        let (u, v) = (
+            lens.left + (x as f64 + 0.5) * lens.step,
+            lens.top - (y as f64 + 0.5) * lens.step,
+        );
+        let towards = lens.axes[0] * u + lens.axes[1] * v + lens.axes[2];
+        let mut ends = Vec::new();
+        through.ray(from, towards.normalize_or_zero(), |patch, at, share| {
+            let corners = prepared.patches.corners(InputPatch(patch));
+            let barycentric = barycentric(&corners.map(|corner| prepared.model.normalise(corner)), at);
+            let depth = 0.0;
+            ends.push((
+                Seen {
+                    patch,
+                    barycentric,
+                    depth,
+                },
+                share,
+            ));
+        });
+        found.insert(place, ends);
+    }
+    found
+}
+
+/// The weights of a triangle's corners at a point of its plane.
+fn barycentric([a, b, c]: &[DVec3; 3], at: DVec3) -> [f64; 3] {
+    let normal = (*b - *a).cross(*c - *a);
+    let whole = normal.length_squared();
+    if whole == 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    let of = |from: DVec3, to: DVec3| (to - from).cross(at - from).dot(normal) / whole;
+    let (first, second) = (of(*b, *c), of(*c, *a));
+    [first, second, 1.0 - first - second]
 }
 
 impl Shot<'_> {
@@ -418,9 +478,22 @@ impl Shot<'_> {
                 None => *flat,
             })
         };
-        let seen_light = self.seen.iter().filter_map(&radiance).map(|light| (light, 1.0));
+        let all = |place: usize| -> Option<[f64; 3]> {
+            let mut light = radiance(&self.seen[place])?;
+            for (sample, share) in self.through.get(&place).into_iter().flatten() {
+                let behind = radiance(sample).unwrap_or_default();
+                light = std::array::from_fn(|band| light[band] + share * behind[band]);
+            }
+            Some(light)
+        };
+        let seen_light = (0..self.seen.len()).filter_map(&all).map(|light| (light, 1.0));
         let tone = Tone::of(seen_light, self.camera.exposure);
-        self.average(|sample| radiance(sample).map(|light| tone.map(light)))
+        let Size(width, height) = self.camera.size;
+        let mut canvas = Canvas::new(width, height, NOTHING);
+        average_pixels(&mut canvas, |x, y| {
+            all(y * self.lens.width + x).map(|light| tone.map(light))
+        });
+        canvas
     }
 
     /// Draws numbers in the colours of a scale, with the scale and its histogram below.

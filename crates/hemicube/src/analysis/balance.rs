@@ -26,6 +26,15 @@
 //! where nothing is lost, tᵢ = 1 moves all of the row alike, usually away from the reference.
 //! `what_balancing_does_to_the_error` in tests/tests/balance.rs measures it.
 //!
+//! Where mirrors and panes hand on p = ρs + τ of what arrives, rows close by what is kept:
+//!
+//! ```text
+//! Σⱼ dᵢ Sᵢⱼ dⱼ (1 − pⱼ) = Aᵢ tᵢ        tᵢ = 1 − escapedᵢ − blockedᵢ − cut offᵢ        passedᵢ = Σⱼ pⱼ Fᵢⱼ, anew
+//! ```
+//!
+//! With Aᵢ (1 − pᵢ) and Sᵢⱼ (1 − pᵢ) (1 − pⱼ) that is the scaling above; a patch that keeps nothing is scaled by its own
+//! row alone. More than min(Aᵢ, Aⱼ) may arrive there, and small entries stay.
+//!
 //! Without reciprocity and closure, rows stay on their own: entries below the least factor are left out, and the others
 //! of the row share their sum in proportion. A row that would grow beyond the bound keeps all.
 //!
@@ -177,9 +186,14 @@ pub fn balance(store: &Store, output: &Path, options: &BalanceOptions) -> Result
     if let Some(reason) = options.reason_against() {
         return Err(Error::refused(output, reason));
     }
-    if store.manifest().has_specular() {
-        let reason = "a balanced matrix of one with mirrors or panes: balancing does not know what they hand on; balance \
-                      one computed without `--specular`";
+    if store.manifest().has_specular() && options.min_factor > 0.0 {
+        let reason = "a matrix without small entries of one with mirrors or panes: what its rows hand on rests on all \
+                      of them; ask for closure or reciprocity alone";
+        return Err(Error::refused(output, reason.to_owned()));
+    }
+    if store.manifest().passes_by_angle() {
+        let reason = "a balanced matrix of one with mirrors or panes whose optics depend on the angle: its rows keep \
+                      parts of arrivals that no single number has; balance one with constants";
         return Err(Error::refused(output, reason.to_owned()));
     }
     require_another(store, output)?;
@@ -345,8 +359,11 @@ fn balance_pairs(
 ) -> Result<BalanceEntry> {
     let mut entry = new_entry(store, options)?;
     let directory = writer.directory().to_owned();
+    let handed_on = store.row_table()?.handed_on;
+    let weights: Vec<f64> = handed_on.iter().map(|handed_on| 1.0 - handed_on).collect();
     let precision = store.manifest().form.precision();
-    let mut symmetric = Symmetric::create(&directory, &survey.order, store.manifest().rows_per_part, precision)?;
+    let symmetric = Symmetric::create(&directory, &survey.order, store.manifest().rows_per_part, precision)?;
+    let mut symmetric = symmetric.keeping(weights);
     let mut targets = vec![None; areas.share.len()];
     let mut before = Tally::default();
     {
@@ -357,7 +374,8 @@ fn balance_pairs(
             let mut backward = records.as_slice();
             for (row, &patch) in part.rows.iter().enumerate() {
                 if let Some(target) = targets.get_mut(patch as usize) {
-                    *target = target_of(&part, row);
+                    let passed = part.passages.get(row).map_or(0.0, |passage| passage.passed);
+                    *target = target_of(&part, row).map(|target| target - passed);
                 }
                 before.row(&part, row);
                 let (of_row, rest) = exchange::split_row(backward, row);
@@ -370,7 +388,8 @@ fn balance_pairs(
                         entry.pairs += 1;
                         entry.pairs_one_sided += u64::from(seen != (true, true));
                     }
-                    symmetric.push(column, precision.round(mean(areas, (patch, forward), (column, back))));
+                    let pair = mean(areas, (patch, forward), (column, back), handed_on.is_empty());
+                    symmetric.push(column, precision.round(pair));
                 }
                 symmetric.end_row()?;
             }
@@ -432,6 +451,16 @@ fn balance_pairs(
                 part.data.push(factor);
             }
             part.indptr.push(length(part.data.len()));
+            let (columns, factors) = part.row(row);
+            let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);
+            let passed = columns
+                .iter()
+                .zip(factors)
+                .map(|(&column, factor)| of(column) * factor)
+                .sum();
+            if let Some(passage) = part.passages.get_mut(row) {
+                passage.passed = passed;
+            }
             let error = after.row(&part, row);
             if !scaling.unmatched.get(patch as usize).copied().unwrap_or(false) {
                 entry.closure_max_of_others = entry.closure_max_of_others.max(error);
@@ -444,14 +473,16 @@ fn balance_pairs(
     Ok(entry)
 }
 
-/// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order.
-fn mean(areas: &Areas, one: (u32, f64), other: (u32, f64)) -> f64 {
+/// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order. `is_bounded`: at most
+/// min(Aᵢ, Aⱼ), without mirrors.
+fn mean(areas: &Areas, one: (u32, f64), other: (u32, f64), is_bounded: bool) -> f64 {
     let ((i, forward), (j, backward)) = if one.0 <= other.0 { (one, other) } else { (other, one) };
     let of = |values: &[f64], patch: u32| values.get(patch as usize).copied().unwrap_or(1.0);
     let (area_i, area_j) = (of(&areas.share, i), of(&areas.share, j));
     let exchange = area_i * area_j * (forward + backward) / (area_i + area_j);
     // No more goes from one patch to another than leaves the smaller one.
-    exchange.min(area_i.min(area_j)) / (of(&areas.root, i) * of(&areas.root, j))
+    let most = if is_bounded { area_i.min(area_j) } else { f64::INFINITY };
+    exchange.min(most) / (of(&areas.root, i) * of(&areas.root, j))
 }
 
 /// The entry before anything is done.
@@ -579,7 +610,13 @@ fn require_square(store: &Store) -> Result<()> {
             ),
         ));
     }
-    if manifest.parts.iter().any(|part| part.sums.unselected > 0) {
+    let is_given = |name: &str| {
+        let list = manifest.settings.get(name).and_then(serde_json::Value::as_array);
+        list.is_some_and(|list| !list.is_empty())
+    };
+    // Without a choice of columns, portals cut off what is unselected.
+    let is_selected = !manifest.has_portals() || is_given("receivers") || is_given("occluders");
+    if is_selected && manifest.parts.iter().any(|part| part.sums.unselected > 0) {
         return Err(Error::unsupported(
             store.directory(),
             "has columns for selected receivers only, and closure and reciprocity need all; compute it without \

@@ -13,7 +13,8 @@
 //! winding      no closed surface sees nothing around all that sees something (`winding.rs`; triangles, all rows)
 //! escaped      of a row at most what the bound allows, if there is one
 //! closure      |Σⱼ Fᵢⱼ + escaped + blocked + unselected − 1|, of the shares; less what mirrors and panes hand on
-//! passed       Σⱼ (ρsⱼ + τⱼ) Fᵢⱼ, of the manifest's mirrors and panes, is what the row says that they handed on
+//! passed       Σⱼ (ρsⱼ + τⱼ) Fᵢⱼ, of the manifest's mirrors and panes, is what the row says that they handed on; of
+//!              those whose optics depend on the angle it is from 0 to Σⱼ Fᵢⱼ
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
@@ -26,7 +27,7 @@ mod winding;
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{
-    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchTable, Result, RowShares, RowSums, Store,
+    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums, Store,
 };
 use hemicube_scene::InputPatch;
 use serde::Serialize;
@@ -284,7 +285,7 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         tally.fail(Check::Complete, missing);
     }
     let table = tally.files(store.verify_patches().and_then(|()| store.patches()))?;
-    tally.handed_on = table.as_ref().and_then(|table| manifest.handed_on(table));
+    tally.handed_on = table.as_ref().and_then(|table| manifest.optics_of(table));
     let row_table = if manifest.complete {
         tally.files(store.row_table())?
     } else {
@@ -418,7 +419,7 @@ struct Tally {
     has_portals: bool,
     has_specular: bool,
     /// ρs + τ of each patch.
-    handed_on: Option<Vec<f64>>,
+    handed_on: Option<Vec<Option<PatchOptics>>>,
     /// Sum and largest of the shares cut off.
     cut_off: [f64; 2],
     /// By how much of itself each form factor can be off its weight.
@@ -577,17 +578,26 @@ impl Tally {
         let [sum, largest] = &mut self.cut_off;
         *sum += passage.cut_off;
         *largest = largest.max(passage.cut_off);
-        let Some(handed_on) = &self.handed_on else { return };
-        let of = |column: i32| {
-            usize::try_from(column)
-                .ok()
-                .and_then(|column| handed_on.get(column))
-                .unwrap_or(&0.0)
-        };
-        let arrived = columns.iter().zip(factors);
-        let expected: f64 = arrived.map(|(&column, factor)| of(column) * factor).sum();
-        if (expected - passage.passed).abs() > PASSED * (1.0 + expected) {
+        let Some(optics) = &self.handed_on else { return };
+        // What is handed on at least and at most.
+        let (mut least, mut most) = (0.0, 0.0);
+        for (&column, factor) in columns.iter().zip(factors) {
+            let column = usize::try_from(column).ok();
+            let Some(Some(optics)) = column.and_then(|column| optics.get(column)) else {
+                continue;
+            };
+            let passed = (optics.specular + optics.transmittance) * factor;
+            least += if optics.varies { 0.0 } else { passed };
+            most += if optics.varies { factor } else { passed };
+        }
+        let off = (least - passage.passed).max(passage.passed - most);
+        if off > PASSED * (1.0 + most) || off.is_nan() {
             let passed = passage.passed;
+            let expected = if least == most {
+                format!("{most}")
+            } else {
+                format!("{least} to {most}")
+            };
             self.fail(
                 Check::Passed,
                 format!("mirrors and panes hand on {expected} of the row of patch {patch}, and it says {passed}"),

@@ -11,6 +11,9 @@
 //! 1 / (A_i F_ij)                           resistance between two radiosities
 //! ```
 //!
+//! Mirrors and panes hand on ρs + τ of what arrives, and reflect ρ = 1 − ρs − τ − ε diffusely; F is then of arrivals
+//! through them, too.
+//!
 //! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]). The
 //! surroundings, the last column, absorb all that leaves the scene. Then Σ_j G_ij + G_i,surroundings = 1 by
 //! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and
@@ -26,7 +29,7 @@ use super::zones::{GroupBy, zones};
 use crate::solve::{
     Block, Factors, Heat, InMemory, Method, Problem, STEFAN_BOLTZMANN, SolveError, SolveOptions, solve,
 };
-use crate::store::{Form, Part, Store};
+use crate::store::{Form, Part, RowTable, Store};
 
 /// Most surfaces: their factors take 8 N² bytes a band.
 pub const SURFACES_MAX: usize = 20_000;
@@ -34,6 +37,10 @@ pub const SURFACES_MAX: usize = 20_000;
 const AT_ONCE: usize = 64;
 /// Relative residual of a column.
 const TOLERANCE: f64 = 1e-10;
+/// A surface that keeps less than this part of what arrives exchanges nothing.
+const KEPT_LEAST: f64 = 1e-9;
+/// Rounding of shares that sum to 1.
+const SHARES_ROUNDED: f64 = 1e-9;
 /// Products with F for a column.
 const PRODUCTS_MAX: u32 = 2000;
 
@@ -50,8 +57,10 @@ pub struct Network {
     pub of_patch: Vec<u32>,
     /// Part of each surface's view that leaves the scene.
     pub escaped: Vec<f64>,
-    /// Part that exchanges nothing: 1 − Σ F − escaped.
+    /// Part that exchanges nothing: 1 − Σ F − escaped ([`RowTable::returned`]).
     pub returned: Vec<f64>,
+    /// ρs + τ of each surface; empty without mirrors and panes.
+    pub handed_on: Vec<f64>,
     /// The form factors.
     pub factors: InMemory,
 }
@@ -82,7 +91,7 @@ impl Network {
         }
         let rows: Vec<Vec<(u32, f64)>> = zones.iter().map(|zone| zone.factors.clone()).collect();
         let (_, of_patch) = super::zones::zones_of(&table, super::zones::names_of(store.manifest()), by);
-        Ok(Self::built(
+        Self::built(
             zones.iter().map(|zone| zone.name.clone()).collect(),
             zones
                 .iter()
@@ -91,7 +100,8 @@ impl Network {
             of_patch,
             &rows,
             store.manifest().form,
-        ))
+        )
+        .handing_on(&store.row_table()?)
     }
 
     fn of_patches(store: &Store) -> Result<Self, SolveError> {
@@ -105,13 +115,44 @@ impl Network {
         }
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let measures = (table.area.iter().zip(&lost.escaped)).map(|(&area, &escaped)| (area, 1, known(escaped)));
-        Ok(Self::built(
+        Self::built(
             (0..table.len()).map(|patch| patch.to_string()).collect(),
             measures.collect(),
             (0..).take(table.len()).collect(),
             &rows,
             store.manifest().form,
-        ))
+        )
+        .handing_on(&lost)
+    }
+
+    /// The network with what mirrors and panes hand on: it exchanges nothing where it arrives.
+    fn handing_on(mut self, rows: &RowTable) -> Result<Self, SolveError> {
+        if rows.handed_on.is_empty() {
+            return Ok(self);
+        }
+        let handed_on = self.of_surfaces(|patch| rows.handed_on[patch]).map_err(|name| {
+            SolveError::Problem(format!(
+                "the patches of `{name}` hand on several parts of what arrives, and a surface one; take smaller \
+                 surfaces: by face, or by patch"
+            ))
+        })?;
+        let part = self.factors.run(0)?;
+        for (row, &surface) in part.rows.iter().enumerate() {
+            let (columns, data) = part.row(row);
+            let of = columns.iter().zip(data);
+            let passed = of.map(|(&to, factor)| handed_on[to.cast_unsigned() as usize] * factor);
+            let surface = surface as usize;
+            let kept = 1.0 - handed_on[surface];
+            let lost = self.returned[surface] + passed.sum::<f64>();
+            self.returned[surface] = if kept > KEPT_LEAST { lost / kept } else { 0.0 };
+        }
+        self.handed_on = handed_on;
+        Ok(self)
+    }
+
+    /// 1 − ρs − τ of a surface.
+    fn kept(&self, surface: usize) -> f64 {
+        1.0 - self.handed_on.get(surface).copied().unwrap_or(0.0)
     }
 
     /// A network of area, number of patches and escaped share of each surface, and its rows.
@@ -145,6 +186,7 @@ impl Network {
             escaped: measures.iter().map(|&(.., escaped)| escaped).collect(),
             of_patch,
             returned,
+            handed_on: Vec::new(),
             factors: InMemory::new(rows.len(), vec![part]),
         }
     }
@@ -214,6 +256,7 @@ impl Network {
             nodes: of_patches.nodes.clone(),
             outside: sums,
             returned: self.returned.clone(),
+            handed_on: self.handed_on.clone(),
         })
     }
 }
@@ -225,6 +268,8 @@ pub struct Exchange {
     pub emissivity: Vec<Vec<f64>>,
     /// G_ij, row by row, with the surroundings as the last column: N × (N + 1) a band.
     pub gebhart: Vec<Vec<f64>>,
+    /// True of a surface that hands on all that arrives: it emits nothing, and its row is of no emission.
+    hands_on_all: Vec<bool>,
     /// Products with F.
     pub products: u32,
 }
@@ -268,9 +313,19 @@ impl Exchange {
                 "an emissivity is {bad}; it is from 0 to 1"
             )));
         }
+        for (surface, name) in network.names.iter().enumerate() {
+            let most = emissivity.iter().map(|band| band[surface]).fold(0.0, f64::max);
+            if most > network.kept(surface) + SHARES_ROUNDED {
+                return Err(SolveError::Problem(format!(
+                    "`{name}` has an emissivity of {most}, and hands on {} of what arrives: together they are at most 1",
+                    network.handed_on[surface]
+                )));
+            }
+        }
         let mut exchange = Self {
             emissivity: emissivity.to_vec(),
             gebhart: Vec::new(),
+            hands_on_all: (0..count).map(|surface| network.kept(surface) <= KEPT_LEAST).collect(),
             products: 0,
         };
         let whole = emissivity.len() * (count + 1);
@@ -315,11 +370,14 @@ impl Exchange {
         STEFAN_BOLTZMANN * self.area(network, band, from, to)
     }
 
-    /// The largest |Σ_j G_ij − 1| of a row.
+    /// The largest |Σ_j G_ij − 1| of a row; of surfaces that can emit.
     pub fn conservation(&self, band: usize) -> f64 {
         let width = self.len(band) + 1;
         let off = |row: &[f64]| (row.iter().sum::<f64>() - 1.0).abs();
-        self.gebhart[band].chunks_exact(width).map(off).fold(0.0, f64::max)
+        let rows = self.gebhart[band].chunks_exact(width).zip(&self.hands_on_all);
+        rows.filter(|(_, hands_on_all)| !**hands_on_all)
+            .map(|(row, _)| off(row))
+            .fold(0.0, f64::max)
     }
 
     /// √Σ (A_i 𝓕_ij − A_j 𝓕_ji)² / √Σ (A_i 𝓕_ij)², over all pairs.
@@ -347,7 +405,9 @@ fn columns(
     let (count, width) = (network.len(), range.len());
     let column = |at: usize| range.start + at;
     let problem = Problem {
-        reflectance: Block::from_fn(count, 1, |surface, _| 1.0 - emissivity[surface]),
+        reflectance: Block::from_fn(count, 1, |surface, _| {
+            (network.kept(surface) - emissivity[surface]).max(0.0)
+        }),
         bands: vec![0; width],
         emission: Block::from_fn(count, width, |surface, at| {
             if column(at) == surface {

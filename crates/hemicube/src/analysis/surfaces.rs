@@ -1,7 +1,7 @@
 //! Heat by surface: what each object, material or face of a scene gives off, and how warm it is.
 //!
 //! ```text
-//! Q = Σ A (B − G)          the mean of x over a surface: Σ A x / Σ A
+//! Q = Σ A (B − G)          of mirrors and panes Σ A (B − (1 − ρs − τ) G); the mean of x over a surface: Σ A x / Σ A
 //! ```
 //!
 //! Over all surfaces Q adds up to what the surroundings receive, plus the matrix's error Σᵢⱼ (AᵢFᵢⱼ − AⱼFⱼᵢ) Bᵢ: with
@@ -91,7 +91,8 @@ pub fn heat_by_surface(
         let surface = &mut surfaces[zone as usize];
         let area = table.area[patch];
         let (sent, received) = (solution.radiosity.of(patch)[0], solution.irradiance.of(patch)[0]);
-        surface.heat += area * (sent - received);
+        let kept = rows.kept(patch);
+        surface.heat += area * (sent - kept * received);
         surface.radiosity += area * sent;
         surface.irradiance += area * received;
         match (&mut surface.temperature, temperature[patch]) {
@@ -103,7 +104,7 @@ pub fn heat_by_surface(
             (known, _) => *known = None,
         }
         let escaped = Some(rows.escaped[patch]).filter(|share| !share.is_nan());
-        lost += area * (escaped.unwrap_or(0.0) * sent - outside.map_or(0.0, |outside| outside[patch]));
+        lost += area * (escaped.unwrap_or(0.0) * sent - outside.map_or(0.0, |outside| kept * outside[patch]));
     }
     let mut balance = HeatBalance {
         surroundings: lost,

@@ -17,6 +17,7 @@ use super::gather::{Column, Found, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::Through;
 use super::pass::{Passes, Taker};
+use super::specular::Laws;
 use super::trace::Tracer;
 use super::{Images, Optics, Portals};
 use crate::Model;
@@ -124,7 +125,7 @@ impl<'a> Extender<'a> {
     ) -> Self {
         let count = model.geometry().patch_count;
         let specular = portals.specular.as_ref();
-        let optics = specular.map_or_else(Vec::new, |specular| specular.by_patch(portals.images.as_ref(), count));
+        let laws = specular.map_or_else(Laws::default, |specular| specular.laws(portals.images.as_ref(), count));
         let tree = Tree::of(model.geometry());
         let follows_pixels = specular.is_some() && matches!(correction, Correction::Pixel | Correction::Point);
         Self {
@@ -132,8 +133,8 @@ impl<'a> Extender<'a> {
             model,
             correction,
             cancel,
-            pixels: follows_pixels.then(|| (DeltaTable::new(resolution), Passes::new(&tree, &optics))),
-            tracer: Tracer::new(tree, optics),
+            pixels: follows_pixels.then(|| (DeltaTable::new(resolution), Passes::new(&tree, &laws.means))),
+            tracer: Tracer::new(tree, laws),
             motions: Motions::default(),
             ledger: Ledger::default(),
             row: Vec::new(),
@@ -161,6 +162,7 @@ impl<'a> Extender<'a> {
         if images.is_some_and(Images::has_curtains) {
             passage.cut_off = self.cut_off(&mut draft);
         }
+        self.ledger.clear();
         let sent = self.sent();
         if sent > 0.0 {
             let column = |patch: u32| match images {
@@ -175,7 +177,7 @@ impl<'a> Extender<'a> {
                 }
                 brought
             } else {
-                self.by_rays(draft.emitter, sent, column)
+                self.by_rays(draft.emitter, column)
             };
             *draft.rays += std::mem::take(&mut self.tracer.legs);
             self.enter(&mut draft, &brought, &mut passage);
@@ -212,9 +214,13 @@ impl<'a> Extender<'a> {
         sum
     }
 
-    /// Σ (ρs + τ) F of direct arrivals.
+    /// Σ (ρs + τ) F of direct arrivals; of patches whose ρs + τ depend on the angle by the mean of the row's rays, and
+    /// before these are cast by the hemisphere's.
     fn sent(&self) -> f64 {
-        let passed = |patch: u32| self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed);
+        let passed = |patch: u32| match self.ledger.first.get(&patch) {
+            Some(&[met, passed]) => passed as f64 / met.max(1) as f64,
+            None => self.tracer.optics.get(patch as usize).map_or(0.0, Optics::passed),
+        };
         self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
     }
 
@@ -241,11 +247,15 @@ impl<'a> Extender<'a> {
         ledger.clear();
         let mut taker = Taker { ledger, column };
         let is_portal = |patch: u32| tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
-        let seen: Vec<u32> = row.iter().map(|&(patch, _)| patch).filter(|&patch| is_portal(patch)).collect();
+        let seen: Vec<u32> = row
+            .iter()
+            .map(|&(patch, _)| patch)
+            .filter(|&patch| is_portal(patch))
+            .collect();
         for hemicube in hemicubes {
             let items = session.items(hemicube)?;
             let weights = (&*table, FINE, bound);
-            passes.follow((hemicube, &items), weights, &seen, &tracer.optics, &mut taker);
+            passes.follow((hemicube, &items), weights, &seen, tracer.surfaces(), &mut taker);
         }
         tracer.legs = std::mem::take(&mut passes.legs);
         let ledger = taker.ledger;
@@ -265,7 +275,7 @@ impl<'a> Extender<'a> {
     }
 
     /// Casts rays at portals from all over the patch, and measures what they find most of.
-    fn by_rays(&mut self, emitter: InputPatch, sent: f64, column: impl Fn(u32) -> Column) -> Brought {
+    fn by_rays(&mut self, emitter: InputPatch, column: impl Fn(u32) -> Column) -> Brought {
         let emitter = &Emitter::new(self.model, emitter);
         let (tolerance, rule) = match self.correction {
             Correction::Tolerance(refinement) => (Some(refinement.tolerance), refinement.rule),
@@ -309,6 +319,7 @@ impl<'a> Extender<'a> {
             }
         };
         // What is handed on first is known from closed forms: rays only divide it.
+        let sent = self.sent();
         let scale = if self.ledger.sent > 0 {
             sent / casts.share(self.ledger.sent)
         } else {
@@ -458,7 +469,10 @@ fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted
     let over = casts.rest(entries, 0, 0.0) / permitted;
     // The variance falls as n^(−5/4): by roots, n = over^(3/4) is a little less, and is asked again when they are cast.
     let wanted = cast as f64 * over.sqrt() * over.sqrt().sqrt();
-    let pairs = entries.iter().take(PAIRS[1]).filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
+    let pairs = entries
+        .iter()
+        .take(PAIRS[1])
+        .filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
     wanted <= (pairs.count() * SEGMENTS[1].0) as f64
 }
 

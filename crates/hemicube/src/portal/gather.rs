@@ -36,14 +36,19 @@ pub(super) struct Ledger {
     pub(super) unselected: u64,
     pub(super) cut_off: u64,
     pub(super) entries: HashMap<(MotionId, u32), Found>,
+    /// Weight of first arrivals, and the part handed on, of patches where that depends on the angle.
+    pub(super) first: HashMap<u32, [u64; 2]>,
 }
 
 impl Ledger {
     pub(super) fn clear(&mut self) {
         let mut entries = std::mem::take(&mut self.entries);
         entries.clear();
+        let mut first = std::mem::take(&mut self.first);
+        first.clear();
         *self = Self {
             entries,
+            first,
             ..Self::default()
         };
     }
@@ -72,6 +77,11 @@ impl<C: Fn(u32) -> Column> Tally for Gather<'_, C> {
         let ledger = &mut *self.ledger;
         if ray.passes == 0 {
             ledger.sent += arrival.passed;
+            if let (true, Some(patch)) = (arrival.varies, arrival.patch) {
+                let [met, passed] = ledger.first.entry(patch).or_default();
+                *met += ray.weight;
+                *passed += arrival.passed;
+            }
             return;
         }
         let kept = ray.weight - arrival.passed;

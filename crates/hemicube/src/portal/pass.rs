@@ -9,7 +9,7 @@
 use super::gather::{Column, Ledger};
 use super::motion::OTHER;
 use super::specular::Optics;
-use super::trace::{PASSES_MAX, divide};
+use super::trace::{PASSES_MAX, Surfaces, divide};
 use super::window::{EDGE, FaceView, NOTHING, Window};
 use crate::accuracy::ray_shares::nearest;
 use crate::backend::{Hemicube, RESOLUTIONS};
@@ -78,7 +78,9 @@ impl Planes {
             let Some(corners) = corners(tree, patch).filter(|_| optics.is_portal()) else {
                 continue;
             };
-            let Some(plane) = front(&corners, tree, patch) else { continue };
+            let Some(plane) = front(&corners, tree, patch) else {
+                continue;
+            };
             // Of a place of its own, so that near planes are in near cells.
             let at = plane.normal * (plane.offset + 3.0) / 1e-6;
             #[allow(clippy::cast_possible_truncation, reason = "below 2⁶³")]
@@ -86,13 +88,19 @@ impl Planes {
             let is_same = |&known: &u32| {
                 let known: &Plane = &found.planes[known as usize];
                 known.normal.dot(plane.normal) > 0.0
-                    && corners.iter().all(|&p| known.height(p).abs() <= 0.5 * tree.plane_tolerance)
+                    && corners
+                        .iter()
+                        .all(|&p| known.height(p).abs() <= 0.5 * tree.plane_tolerance)
             };
             let near = (0..27).map(|step| {
                 let steps = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
                 [0, 1, 2].map(|k| cell[k] + steps[k])
             });
-            let known = near.filter_map(|cell| cells.get(&cell)).flatten().copied().find(|known| is_same(known));
+            let known = near
+                .filter_map(|cell| cells.get(&cell))
+                .flatten()
+                .copied()
+                .find(|known| is_same(known));
             found.of_patch[patch as usize] = known.unwrap_or_else(|| {
                 #[allow(clippy::cast_possible_truncation, reason = "no more than patches")]
                 let next = found.planes.len() as u32;
@@ -185,7 +193,7 @@ impl Passes {
         (hemicube, items): (&Hemicube, &Items),
         (table, fine, bound): (&DeltaTable, u64, f64),
         portals: &[u32],
-        optics: &[Optics],
+        surfaces: Surfaces<'_>,
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
     ) {
         let resolution = items.resolution;
@@ -195,12 +203,17 @@ impl Passes {
         for &(face, y0, x0) in &windows {
             let face = Face::ALL[usize::from(face)];
             let (rows, first) = (face.rows(resolution), face.first_row(resolution));
+            let horizon = Plane {
+                normal: hemicube.axes[2],
+                offset: hemicube.axes[2].dot(hemicube.origin),
+            };
+            let view = view_of(face, resolution, hemicube.origin, &hemicube.axes, horizon);
             for y in y0..rows.min(y0 + edge) {
                 let row = ((first + y) * resolution) as usize;
                 let columns = x0..resolution.min(x0 + edge);
                 let seen = &items.seen[row + x0 as usize..row + columns.end as usize];
                 for (x, &patch) in columns.zip(seen) {
-                    if !self.is_portal[(patch as usize).min(optics.len())] {
+                    if !self.is_portal[(patch as usize).min(surfaces.optics.len())] {
                         continue;
                     }
                     let weight = u64::from(table.weight(face, x, y)) * fine;
@@ -216,7 +229,7 @@ impl Passes {
                         weight,
                         least: (weight as f64 * bound) as u64,
                     };
-                    let passed = self.hand_on(&pixel, patch, 0, optics, taker.ledger);
+                    let passed = self.hand_on(&pixel, (patch, 0), &view, surfaces, taker.ledger);
                     taker.ledger.sent += passed;
                 }
             }
@@ -224,7 +237,7 @@ impl Passes {
         self.windows = windows;
         self.begin_children(hemicube.origin, hemicube.axes, 0);
         while let Some(pass) = self.pending.pop() {
-            self.draw(&pass, resolution, optics, taker);
+            self.draw(&pass, resolution, surfaces, taker);
             self.begin_children(pass.eye, pass.axes, pass.depth);
             let mut pixels = pass.pixels;
             pixels.clear();
@@ -268,7 +281,9 @@ impl Passes {
                     3 => (range(0, 1.0), range(1, below)),
                     _ => (Some(all(0)), Some(all(1))),
                 };
-                let (Some(columns), Some(rows)) = (columns, rows) else { continue };
+                let (Some(columns), Some(rows)) = (columns, rows) else {
+                    continue;
+                };
                 for row in rows {
                     for column in columns.clone() {
                         if let Some(mark) = marked[row].get_mut(column) {
@@ -284,10 +299,22 @@ impl Passes {
     }
 
     /// Gives what a portal hands on of a pixel to the passes to come. Returns it.
-    fn hand_on(&mut self, pixel: &Pixel, patch: u32, depth: u32, optics: &[Optics], ledger: &mut Ledger) -> u64 {
-        let [reflected, through] = divide(optics.get(patch as usize), pixel.weight);
-        let is_over = depth >= PASSES_MAX || self.legs >= self.legs_max;
+    fn hand_on(
+        &mut self,
+        pixel: &Pixel,
+        (patch, depth): (u32, u32),
+        view: &FaceView,
+        surfaces: Surfaces<'_>,
+        ledger: &mut Ledger,
+    ) -> u64 {
         let plane = self.planes.of_patch.get(patch as usize).copied().unwrap_or(u32::MAX);
+        let optics = surfaces.at(patch, || {
+            let towards = view.towards(pixel.x.into(), pixel.y.into()).normalize_or_zero();
+            let plane = self.planes.planes.get(plane as usize);
+            plane.map_or(1.0, |plane| plane.normal.dot(towards))
+        });
+        let [reflected, through] = divide(Some(&optics), pixel.weight);
+        let is_over = depth >= PASSES_MAX || self.legs >= self.legs_max;
         for (weight, side) in [(through, 0), (reflected, 1)] {
             if weight == 0 {
                 continue;
@@ -341,26 +368,21 @@ impl Passes {
         &mut self,
         pass: &Pass,
         resolution: u32,
-        optics: &[Optics],
+        surfaces: Surfaces<'_>,
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
     ) {
         let mut seen = std::mem::take(&mut self.seen);
         for pixels in pass.pixels.chunk_by(|p, q| p.window() == q.window()) {
             let face = Face::ALL[usize::from(pixels[0].face)];
-            let (places, signs) = face.axes();
-            let view = FaceView {
-                eye: pass.eye,
-                axes: std::array::from_fn(|k| pass.axes[places[k]] * signs[k]),
-                is_mirrored: pass.axes[0].cross(pass.axes[1]).dot(pass.axes[2]) < 0.0,
-                horizon: pass.horizon,
-                step: 2.0 / f64::from(resolution),
-                below: if face.is_top() { 1.0 } else { 0.0 },
-            };
+            let view = view_of(face, resolution, pass.eye, &pass.axes, pass.horizon);
             seen.clear();
             if pixels.len() <= FEW {
                 seen.extend(pixels.iter().map(|pixel| self.cast(&view, pixel)));
             } else {
-                let (x, y) = (pixels.iter().map(|p| u32::from(p.x)), pixels.iter().map(|p| u32::from(p.y)));
+                let (x, y) = (
+                    pixels.iter().map(|p| u32::from(p.x)),
+                    pixels.iter().map(|p| u32::from(p.y)),
+                );
                 let low = [x.clone().min(), y.clone().min()].map(Option::unwrap_or_default);
                 let high = [x.max(), y.max()].map(Option::unwrap_or_default);
                 self.window.begin(low, high);
@@ -368,7 +390,11 @@ impl Passes {
                     self.window.open(pixel.x.into(), pixel.y.into());
                 }
                 self.window.draw(self.set, &self.tree, &view);
-                seen.extend(pixels.iter().map(|pixel| self.window.seen(pixel.x.into(), pixel.y.into())));
+                seen.extend(
+                    pixels
+                        .iter()
+                        .map(|pixel| self.window.seen(pixel.x.into(), pixel.y.into())),
+                );
             }
             self.legs += pixels.len() as u64;
             for (pixel, &id) in pixels.iter().zip(&seen) {
@@ -376,8 +402,8 @@ impl Passes {
                     taker.ledger.escaped += pixel.weight;
                     continue;
                 }
-                let passed = if self.is_portal[(id as usize).min(optics.len())] {
-                    self.hand_on(pixel, id, pass.depth, optics, taker.ledger)
+                let passed = if self.is_portal[(id as usize).min(surfaces.optics.len())] {
+                    self.hand_on(pixel, (id, pass.depth), &view, surfaces, taker.ledger)
                 } else {
                     0
                 };
@@ -406,6 +432,19 @@ impl Passes {
         let from = view.eye + towards * distance;
         let met = nearest(&self.tree, from, from + towards * FAR, &view.horizon, &mut self.rays);
         met.map_or(NOTHING, |met| met.id)
+    }
+}
+
+/// A face of a hemicube behind a portal, or before it.
+fn view_of(face: Face, resolution: u32, eye: DVec3, of: &[DVec3; 3], horizon: Plane) -> FaceView {
+    let (places, signs) = face.axes();
+    FaceView {
+        eye,
+        axes: std::array::from_fn(|k| of[places[k]] * signs[k]),
+        is_mirrored: of[0].cross(of[1]).dot(of[2]) < 0.0,
+        horizon,
+        step: 2.0 / f64::from(resolution),
+        below: if face.is_top() { 1.0 } else { 0.0 },
     }
 }
 

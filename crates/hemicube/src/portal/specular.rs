@@ -1,9 +1,11 @@
 //! Mirrors and panes: ρs and τ of surfaces, by material or object.
 
 use super::images::Images;
+use super::law::{Law, LawError, LawRecord};
 use glam::DVec3;
 use hemicube_scene::{Patches, Scene};
 use serde::Serialize;
+use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
 
 /// Division of arriving light: ρs is reflected as by a mirror, τ goes through unbent, and 1 − ρs − τ is absorbed or
@@ -27,6 +29,15 @@ impl Optics {
         self.specular + self.transmittance
     }
 
+    /// Both scaled to a sum of 1 at most, against rounding.
+    pub(super) fn within(self) -> Self {
+        let over = self.passed().max(1.0);
+        Self {
+            specular: self.specular / over,
+            transmittance: self.transmittance / over,
+        }
+    }
+
     /// Returns whether ρs and τ are shares of one whole.
     pub fn is_valid(&self) -> bool {
         let share = 0.0..=1.0;
@@ -37,10 +48,13 @@ impl Optics {
 /// The mirrors and panes of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Specular {
-    /// By patch of the cell.
+    /// By patch of the cell; means where they depend on the angle.
     optics: Vec<Optics>,
+    /// Laws that depend on the angle, and one plus the place of each patch's; empty where none does.
+    laws: Vec<Law>,
+    law_of: Vec<u16>,
     /// By the names of objects and materials, for the manifest.
-    named: BTreeMap<String, Optics>,
+    named: BTreeMap<String, LawRecord>,
     /// A path ends where no more than this share of it is left.
     pub bound: f64,
 }
@@ -51,7 +65,7 @@ pub struct SpecularRecord {
     /// A path ends where no more than this share of it is left.
     pub bound: f64,
     /// Mirrors and panes by `material NAME` and `object NAME`.
-    pub surfaces: BTreeMap<String, Optics>,
+    pub surfaces: BTreeMap<String, LawRecord>,
 }
 
 /// Why a scene cannot have such mirrors and panes.
@@ -59,17 +73,16 @@ pub struct SpecularRecord {
 #[non_exhaustive]
 pub enum SpecularError {
     /// ρs or τ or both out of range.
-    #[error(
-        "{name} has ρs {} and τ {}, and each and both together are from 0 to 1",
-        optics.specular,
-        optics.transmittance
-    )]
+    #[error("{name} has {reason}")]
     Range {
         /// The material or object.
         name: String,
-        /// Its values.
-        optics: Optics,
+        /// What is out of range.
+        reason: LawError,
     },
+    /// More laws than can be told apart.
+    #[error("{0} materials and objects have optics by angle, and 65,535 can")]
+    Laws(usize),
     /// A one-sided pane.
     #[error(
         "pane {name} is one-sided, and its back lets nothing through: wind its faces both ways, or make them two-sided"
@@ -78,6 +91,9 @@ pub enum SpecularError {
         /// The material or object.
         name: String,
     },
+    /// A record that is none.
+    #[error("the record of {0} says no optics")]
+    Record(String),
     /// Nothing of the scene is a mirror or a pane.
     #[error(
         "no patch of the scene is a mirror or a pane: give a material or an object of it `specular` or `transmittance`"
@@ -86,7 +102,7 @@ pub enum SpecularError {
 }
 
 impl Specular {
-    /// The mirrors and panes of a scene by the optics of its materials and of its objects (`None`: none given), of
+    /// The mirrors and panes of a scene by the laws of its materials and of its objects (`None`: none given), of
     /// which the object's hold.
     ///
     /// # Errors
@@ -94,37 +110,93 @@ impl Specular {
     ///
     /// # Panics
     /// When `patches` are not of `scene`.
-    pub fn new(
+    pub fn new<L: Clone + Into<Law>>(
         scene: &Scene,
         patches: &Patches,
-        materials: &[Option<Optics>],
-        objects: &[Option<Optics>],
+        materials: &[Option<L>],
+        objects: &[Option<L>],
+        bound: f64,
+    ) -> Result<Self, SpecularError> {
+        let laws = |values: &[Option<L>]| -> Vec<Option<Law>> {
+            let laws = values.iter().map(|value| value.clone().map(Into::into));
+            laws.collect()
+        };
+        Self::of_laws(scene, patches, [&laws(materials), &laws(objects)], bound)
+    }
+
+    /// The mirrors and panes that a matrix's settings record; `None` without any.
+    ///
+    /// # Errors
+    /// When they are not a record of this scene's.
+    pub fn of_settings(scene: &Scene, patches: &Patches, settings: &Value) -> Result<Option<Self>, SpecularError> {
+        let record = &settings["portals"]["specular"];
+        let (Some(surfaces), Some(bound)) = (record["surfaces"].as_object(), record["bound"].as_f64()) else {
+            return Ok(None);
+        };
+        let of = |name: String| match surfaces.get(&name) {
+            None => Ok(None),
+            Some(record) => Law::of_record(record).map(Some).ok_or(SpecularError::Record(name)),
+        };
+        let all = |kind: &str, names: &mut dyn Iterator<Item = &str>| {
+            let laws = names.map(|name| of(format!("{kind} {name}")));
+            laws.collect::<Result<Vec<Option<Law>>, SpecularError>>()
+        };
+        let materials = all(
+            "material",
+            &mut scene.materials.iter().map(|material| material.name.as_str()),
+        )?;
+        let objects = all("object", &mut scene.objects.iter().map(String::as_str))?;
+        Self::of_laws(scene, patches, [&materials, &objects], bound).map(Some)
+    }
+
+    fn of_laws(
+        scene: &Scene,
+        patches: &Patches,
+        [materials, objects]: [&[Option<Law>]; 2],
         bound: f64,
     ) -> Result<Self, SpecularError> {
         let mut named = BTreeMap::new();
         for (of, index_of, values) in [("material", 0, materials), ("object", 1, objects)] {
             for (index, optics) in values.iter().enumerate() {
-                let Some(optics) = *optics else { continue };
+                let Some(law) = optics else { continue };
                 let name = if index_of == 0 {
                     scene.materials.get(index).map(|material| material.name.as_str())
                 } else {
                     scene.objects.get(index).map(String::as_str)
                 };
                 let name = format!("{of} {}", name.unwrap_or_default());
-                if !optics.is_valid() {
-                    return Err(SpecularError::Range { name, optics });
+                if let Err(reason) = law.check() {
+                    return Err(SpecularError::Range { name, reason });
                 }
-                named.insert(name, optics);
+                named.insert(name, law.record());
             }
         }
-        let of_patch = |patch| {
+        // Places of laws: materials, then objects.
+        let all: Vec<Option<&Law>> = materials.iter().chain(objects).map(Option::as_ref).collect();
+        let means: Vec<Option<Optics>> = all.iter().map(|law| law.map(Law::mean)).collect();
+        let varying: Vec<usize> = (0..all.len()).filter(|&at| all[at].is_some_and(Law::varies)).collect();
+        let laws: Vec<Law> = varying.iter().filter_map(|&at| all[at].cloned()).collect();
+        if laws.len() >= usize::from(u16::MAX) {
+            return Err(SpecularError::Laws(laws.len()));
+        }
+        let place_of = |patch| {
             let triangle = &scene.triangles[patches.triangle(patch)];
-            let of = |values: &[Option<Optics>], index: u32| values.get(index as usize).copied().flatten();
-            of(objects, triangle.object)
-                .or_else(|| of(materials, triangle.material))
-                .unwrap_or_default()
+            let given = |at: usize| means.get(at).is_some_and(Option::is_some).then_some(at);
+            let of_object = given(materials.len() + triangle.object as usize);
+            let of_material = (triangle.material as usize) < materials.len();
+            of_object.or_else(|| given(triangle.material as usize).filter(|_| of_material))
         };
+        let of_patch = |patch| place_of(patch).and_then(|at| means[at]).unwrap_or_default();
         let optics: Vec<Optics> = patches.iter().map(of_patch).collect();
+        let number = |patch| {
+            let law = place_of(patch).and_then(|at| varying.binary_search(&at).ok());
+            law.map_or(0, |law| u16::try_from(law + 1).unwrap_or(0))
+        };
+        let law_of = if laws.is_empty() {
+            Vec::new()
+        } else {
+            patches.iter().map(number).collect()
+        };
         // Sides of one triangle that let light through; two, where it is two-sided or given both ways.
         let mut sides: HashMap<[[u64; 3]; 3], u32> = HashMap::new();
         let key = |patch| {
@@ -158,15 +230,39 @@ impl Specular {
         if !optics.iter().any(Optics::is_portal) {
             return Err(SpecularError::None);
         }
-        Ok(Self { optics, named, bound })
+        Ok(Self {
+            optics,
+            laws,
+            law_of,
+            named,
+            bound,
+        })
     }
 
-    /// The optics of a patch of the cell.
+    /// The optics of a patch of the cell; the mean where they depend on the angle.
     pub fn of(&self, patch: u32) -> Optics {
         self.optics.get(patch as usize).copied().unwrap_or_default()
     }
 
     /// Likewise for each patch of a model with images.
+    pub(crate) fn laws(&self, images: Option<&Images>, patch_count: u32) -> Laws {
+        let of = |patch: u32| {
+            let patch = images.map_or(Some(patch), |images| images.fold(patch))?;
+            self.law_of.get(patch as usize).copied()
+        };
+        let of_patch = if self.laws.is_empty() {
+            Vec::new()
+        } else {
+            (0..patch_count).map(|patch| of(patch).unwrap_or(0)).collect()
+        };
+        Laws {
+            means: self.by_patch(images, patch_count),
+            laws: self.laws.clone(),
+            of_patch,
+        }
+    }
+
+    /// The means.
     pub(super) fn by_patch(&self, images: Option<&Images>, patch_count: u32) -> Vec<Optics> {
         let folded = |patch: u32| images.map_or(Some(patch), |images| images.fold(patch));
         let patches = 0..patch_count;
@@ -189,5 +285,36 @@ impl Specular {
             bound: self.bound,
             surfaces: self.named.clone(),
         }
+    }
+}
+
+/// The optics of each patch of a model, at every angle.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Laws {
+    /// Hemispherical means.
+    pub(crate) means: Vec<Optics>,
+    laws: Vec<Law>,
+    /// One plus the place of a patch's law, 0 for constants; empty where all are.
+    of_patch: Vec<u16>,
+}
+
+impl Laws {
+    /// The optics of a patch met at an angle, by the cosine from its normal, of either sign; none of a side that is no
+    /// patch.
+    pub(crate) fn at(&self, patch: u32, cosine: f64) -> Optics {
+        match self.law(patch) {
+            Some(law) => law.at(cosine.abs()),
+            None => self.means.get(patch as usize).copied().unwrap_or_default(),
+        }
+    }
+
+    /// Returns whether those of a patch depend on the angle.
+    pub(crate) fn varies(&self, patch: u32) -> bool {
+        self.law(patch).is_some()
+    }
+
+    fn law(&self, patch: u32) -> Option<&Law> {
+        let number = *self.of_patch.get(patch as usize)?;
+        usize::from(number).checked_sub(1).and_then(|at| self.laws.get(at))
     }
 }

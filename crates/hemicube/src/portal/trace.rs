@@ -1,7 +1,7 @@
 //! Rays through portals.
 
 use super::motion::{MotionId, Motions, OTHER};
-use super::specular::Optics;
+use super::specular::{Laws, Optics};
 use crate::accuracy::ray_shares::nearest;
 use crate::bvh::Tree;
 use crate::geometry::Plane;
@@ -41,6 +41,8 @@ pub(super) struct Arrival {
     pub(super) length: f64,
     /// The weight handed on.
     pub(super) passed: u64,
+    /// Returns whether that depends on the angle.
+    pub(super) varies: bool,
 }
 
 /// A surface that a ray meets.
@@ -76,12 +78,33 @@ pub(super) trait Tally {
     fn cut(&mut self, ray: &Ray, weight: u64);
 }
 
+/// Optics of the patches of a model.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surfaces<'a> {
+    /// Means where they depend on the angle.
+    pub(super) optics: &'a [Optics],
+    pub(super) laws: &'a Laws,
+}
+
+impl Surfaces<'_> {
+    /// The optics of a patch met under an angle, by its cosine.
+    pub(super) fn at(&self, patch: u32, cosine: impl FnOnce() -> f64) -> Optics {
+        if self.laws.varies(patch) {
+            self.laws.at(patch, cosine())
+        } else {
+            self.optics.get(patch as usize).copied().unwrap_or_default()
+        }
+    }
+}
+
 /// Follows paths; one a thread.
 #[derive(Debug)]
 pub(super) struct Tracer {
     pub(super) tree: Arc<Tree>,
-    /// By patch of the model.
+    /// By patch of the model; means where they depend on the angle.
     pub(super) optics: Vec<Optics>,
+    /// Those that depend on the angle.
+    laws: Laws,
     /// Legs traced, and their bound: beyond it every path is cut off at its next portal.
     pub(super) legs: u64,
     pub(super) legs_max: u64,
@@ -90,14 +113,22 @@ pub(super) struct Tracer {
 }
 
 impl Tracer {
-    pub(super) fn new(tree: Arc<Tree>, optics: Vec<Optics>) -> Self {
+    pub(super) fn new(tree: Arc<Tree>, mut laws: Laws) -> Self {
         Self {
             tree,
-            optics,
+            optics: std::mem::take(&mut laws.means),
+            laws,
             legs: 0,
             legs_max: u64::MAX,
             pending: Vec::new(),
             rays: Vec::new(),
+        }
+    }
+
+    pub(super) fn surfaces(&self) -> Surfaces<'_> {
+        Surfaces {
+            optics: &self.optics,
+            laws: &self.laws,
         }
     }
 
@@ -137,13 +168,20 @@ impl Tracer {
     pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
         let at = ray.from + ray.towards * met.distance;
         // The back of a one-sided patch hands on nothing.
-        let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
+        let varies = self.laws.varies(met.id);
+        let optics = if varies {
+            let normal = crate::geometry::cross(&met.corners).normalize_or_zero();
+            self.laws.at(met.id, normal.dot(ray.towards))
+        } else {
+            self.optics.get(met.id as usize).copied().unwrap_or_default()
+        };
         let [reflected, through] = divide(Some(&optics), ray.weight);
         let arrival = Arrival {
             patch: (met.id < self.tree.patch_count).then_some(met.id),
             at,
             length: ray.length + met.distance,
             passed: reflected + through,
+            varies,
         };
         tally.arrive(ray, &arrival);
         if arrival.passed == 0 {

@@ -83,6 +83,8 @@ pub fn rows_of_patches(
                 }
                 sum.escaped += weight * row.escaped;
                 sum.blocked += weight * row.blocked;
+                sum.passed += weight * row.passed;
+                sum.cut_off += weight * row.cut_off;
                 sum.missed += weight * row.missed;
                 sum.missed_squared += weight * weight * row.missed_squared;
                 of_shares += (weight * row.error_of_shares).powi(2);

@@ -10,6 +10,7 @@
 use super::facing::Facing;
 use super::random::{Random, point_of};
 use super::visibility::{Met, Occluders, Sight};
+use glam::DVec3;
 use std::f64::consts::TAU;
 
 /// Strata along an edge of the unit square. Each ray has a point of its own: rays from one point hit the same patches,
@@ -78,25 +79,8 @@ impl Hemisphere {
 
     /// Casts a round of rays from an emitter.
     pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64) {
-        let tangent = (emitter.corners[1] - emitter.corners[0]).normalize_or_zero();
-        let bitangent = emitter.normal.cross(tangent);
         let round = self.rays / ROUND;
-        let mut random = Random::of(&[seed, u64::from(emitter.patch), u64::MAX, round]);
-        let keys = [random.next(), random.next()];
-        for index in 0..STRATA * STRATA {
-            let mut within = |stratum: u32| {
-                let n = f64::from(STRATA);
-                let (x, y) = (f64::from(stratum % STRATA), f64::from(stratum / STRATA));
-                ((x + random.unit()) / n, (y + random.unit()) / n)
-            };
-            let (u, v) = within(index);
-            let origin = point_of(&emitter.corners, u, v);
-            let stratum = shuffled(index, keys);
-            let (u, v) = within(stratum);
-            let (sine, cosine) = (TAU * v).sin_cos();
-            let radius = u.sqrt();
-            let direction =
-                tangent * (radius * cosine) + bitangent * (radius * sine) + emitter.normal * (1.0 - u).sqrt();
+        each_stratum(emitter, [seed, u64::MAX, round], |stratum, origin, direction| {
             self.met[stratum as usize] = match occluders.first(emitter, origin, direction) {
                 Met::Nothing => {
                     self.escaped += 1;
@@ -115,7 +99,7 @@ impl Hemisphere {
                     Share::Found
                 }
             };
-        }
+        });
         for pair in self.met.chunks_exact(2) {
             let differs = |is: fn(Share) -> bool| u64::from(is(pair[0]) != is(pair[1]));
             self.differing[0] += differs(|share| share == Share::Escaped);
@@ -194,6 +178,35 @@ impl Hemisphere {
             .sum();
         pairs / (rays * (rays - 1.0))
     }
+}
+
+/// A round of rays from an emitter: stratum of the direction, origin, direction. `[seed, stream, round]` are its
+/// numbers.
+fn each_stratum(emitter: &Sight, [seed, stream, round]: [u64; 3], mut act: impl FnMut(u32, DVec3, DVec3)) {
+    let tangent = (emitter.corners[1] - emitter.corners[0]).normalize_or_zero();
+    let bitangent = emitter.normal.cross(tangent);
+    let mut random = Random::of(&[seed, u64::from(emitter.patch), stream, round]);
+    let keys = [random.next(), random.next()];
+    for index in 0..STRATA * STRATA {
+        let mut within = |stratum: u32| {
+            let n = f64::from(STRATA);
+            let (x, y) = (f64::from(stratum % STRATA), f64::from(stratum / STRATA));
+            ((x + random.unit()) / n, (y + random.unit()) / n)
+        };
+        let (u, v) = within(index);
+        let origin = point_of(&emitter.corners, u, v);
+        let stratum = shuffled(index, keys);
+        let (u, v) = within(stratum);
+        let (sine, cosine) = (TAU * v).sin_cos();
+        let radius = u.sqrt();
+        let direction = tangent * (radius * cosine) + bitangent * (radius * sine) + emitter.normal * (1.0 - u).sqrt();
+        act(stratum, origin, direction);
+    }
+}
+
+/// A round of rays from an emitter, 2¹⁶: origin and direction of each.
+pub(super) fn directions(emitter: &Sight, numbers: [u64; 3], mut act: impl FnMut(DVec3, DVec3)) {
+    each_stratum(emitter, numbers, |_, origin, direction| act(origin, direction));
 }
 
 /// A permutation of the numbers below 2¹⁶: odd multipliers and shifts undo.

@@ -303,6 +303,12 @@ impl<'a> Bins<'a> {
         }
     }
 
+    /// Adds a weight that leaves the scene in a direction.
+    pub(super) fn add_direction(&mut self, towards: DVec3, weight: u64) {
+        let column = self.division.column(self.horizon.local(towards));
+        self.weights[column as usize] += weight;
+    }
+
     /// The row of all additions since the last one.
     pub(super) fn take(&mut self, blocked: u64, hemicubes: u32, change: f64) -> SkyRow {
         let columns: Vec<(u32, u64)> = (0u32..)

@@ -2,7 +2,7 @@
 //! sealed like a store's parts.
 
 use super::{PointRow, SkyRow};
-use crate::store::{DurableFile, Error, Npz, NpzWriter, Result, Store, sealed_checksum};
+use crate::store::{DurableFile, ElementType, Error, Npz, NpzWriter, Result, Store, sealed_checksum, write_whole};
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -82,6 +82,16 @@ pub fn write_sky(path: &Path, columns: u32, rows: &[SkyRow], suns: Option<(usize
             None => Ok(()),
         }
     })
+}
+
+/// Writes the sunlight of patches, a row each with a number a sun, as `.npy`.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_sunlight(path: &Path, shape: [usize; 2], light: &[f32]) -> Result<()> {
+    let mut bytes = ElementType::F32.npy_header(&shape.map(|length| length as u64));
+    bytes.extend(light.iter().flat_map(|light| light.to_le_bytes()));
+    write_whole(path, &bytes, "")
 }
 
 /// Writes the rows of free points over `patch_count` patches.

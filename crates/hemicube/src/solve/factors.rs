@@ -95,12 +95,6 @@ impl<'s> OutOfCore<'s> {
     /// When parts or rows are missing: every patch must have a row.
     pub fn new(store: &'s Store, budget: u64) -> Result<Self> {
         store.require_complete()?;
-        if store.manifest().has_specular() {
-            return Err(Error::unsupported(
-                store.directory(),
-                "has mirrors or panes, and what they hand on is not balanced here yet: compute it without `--specular`",
-            ));
-        }
         if store.manifest().rows_present() != u64::from(store.patch_count()) {
             return Err(Error::unsupported(
                 store.directory(),

@@ -14,12 +14,15 @@
 //! Each row of the last operator sums to 1 at most, as the others' do: GMRES and Jacobi solve it by products with F
 //! alone.
 //!
+//! Where mirrors and panes hand on p = ρs + τ of what arrives, 1 − p stands for 1: B = ε e + (1 − p − ε) G, the net flux
+//! is B − (1 − p) G, and ε is at most 1 − p (Kirchhoff: ε = 1 − ρs − ρd − τ).
+//!
 //! An enclosure in which nothing has a temperature, neither a surface nor what lies outside, has none itself: heat that
 //! does not add up to 0 heats it for ever, and heat that does leaves its level open. Both are refused.
 
 use super::{
-    Block, Condition, Coupling, Enclosures, Factors, Method, Named, Node, Problem, STEFAN_BOLTZMANN, Solution,
-    SolveError, SolveOptions, Step, Thermal, solve_coupled,
+    Block, Condition, Coupling, Enclosures, Factors, Method, Named, Node, Problem, SHARES_ROUNDED, STEFAN_BOLTZMANN,
+    Solution, SolveError, SolveOptions, Step, Thermal, solve_coupled,
 };
 use crate::store::RowTable;
 
@@ -60,6 +63,8 @@ pub struct Heat {
     pub outside: Option<Vec<f64>>,
     /// The share of its own radiosity that each patch gets back ([`RowTable::returned`]).
     pub returned: Vec<f64>,
+    /// ρs + τ of each patch ([`RowTable::handed_on`]); empty without mirrors and panes.
+    pub handed_on: Vec<f64>,
 }
 
 /// A solved exchange of heat.
@@ -128,6 +133,12 @@ impl Heat {
                 nodes.push(heat);
             }
         }
+        super::require_shares(
+            rows,
+            "emissivity",
+            |patch| of(patch).shown(),
+            |patch| of(patch).emissivity.unwrap_or(0.0),
+        )?;
         let given = |patch: usize| {
             let kind = of(patch);
             let surface = kind.surface as usize;
@@ -148,6 +159,7 @@ impl Heat {
             nodes,
             outside: None,
             returned: rows.returned(),
+            handed_on: rows.handed_on.clone(),
         })
     }
 
@@ -172,6 +184,11 @@ impl Heat {
             Given::Node(_) => true,
         };
         self.given.iter().any(is_mixed)
+    }
+
+    /// 1 − ρs − τ of a patch.
+    fn kept(&self, patch: usize) -> f64 {
+        1.0 - self.handed_on.get(patch).copied().unwrap_or(0.0)
     }
 
     /// Patches of each node.
@@ -280,8 +297,8 @@ impl Heat {
         let patches = self.area.len();
         let problem = Problem {
             reflectance: Block::from_fn(patches, 1, |patch, _| match self.given[patch] {
-                Given::Flux(_) => 1.0,
-                _ => 1.0 - self.emissivity[patch],
+                Given::Flux(_) => self.kept(patch).max(0.0),
+                _ => (self.kept(patch) - self.emissivity[patch]).max(0.0),
             }),
             bands: vec![0],
             emission: Block::from_fn(patches, 1, |patch, _| match self.given[patch] {
@@ -304,7 +321,16 @@ impl Heat {
             self.returned.len(),
         ];
         let outside = self.outside.as_ref().map_or(patches, Vec::len);
-        if lengths.iter().chain([&outside]).any(|&length| length != patches) {
+        let handed_on = if self.handed_on.is_empty() {
+            patches
+        } else {
+            self.handed_on.len()
+        };
+        if lengths
+            .iter()
+            .chain([&outside, &handed_on])
+            .any(|&length| length != patches)
+        {
             return wrong(format!(
                 "areas, emissivities and conditions are not of the matrix's {patches} patches"
             ));
@@ -314,6 +340,14 @@ impl Heat {
         }
         if let Some(bad) = self.area.iter().find(|area| !(area.is_finite() && **area >= 0.0)) {
             return wrong(format!("an area is {bad}; it is from 0 on"));
+        }
+        let too_many = |&patch: &usize| self.emissivity[patch] > self.kept(patch) + SHARES_ROUNDED;
+        if let Some(patch) = (0..patches).find(too_many) {
+            return wrong(format!(
+                "patch {patch} has an emissivity of {}, and ρs + τ of {}: together they are at most 1, for what is \
+                 neither emitted by Kirchhoff's law nor handed on is reflected diffusely",
+                self.emissivity[patch], self.handed_on[patch]
+            ));
         }
         for (patch, given) in self.given.iter().enumerate() {
             match *given {
@@ -360,7 +394,8 @@ impl Heat {
         for (patch, given) in self.given.iter().enumerate() {
             blacks.push(match *given {
                 Given::Temperature(kelvin) => black(kelvin),
-                // An adiabatic surface sends as much as a black one of its temperature.
+                // An adiabatic surface sends as much as a black one of its temperature; of a mirror, what it would send.
+                Given::Flux(0.0) if self.kept(patch) < 1.0 => irradiance(patch),
                 Given::Flux(0.0) => solution.radiosity.of(patch)[0],
                 Given::Flux(flux) => irradiance(patch) + flux / self.emissivity[patch],
                 Given::Node(node) => {
@@ -449,6 +484,7 @@ fn names_in(found: &Enclosures, is_meant: impl Fn(u32) -> bool, named: Named<'_>
 ///     nodes: Vec::new(),
 ///     outside: None,
 ///     returned: vec![0.0; 2],
+///     handed_on: Vec::new(),
 /// };
 /// let options = SolveOptions { tolerance: 1e-12, ..SolveOptions::default() };
 /// let found = solve_heat(&plates, &heat, options, &mut |_| true)?;
@@ -518,6 +554,7 @@ mod tests {
             nodes: nodes.to_vec(),
             outside: None,
             returned: vec![0.0; 3],
+            handed_on: Vec::new(),
         };
         heat.require_temperatures(&enclosures(&plates)?, &escaped, named)
     }
@@ -561,6 +598,7 @@ mod tests {
             nodes: Vec::new(),
             outside: None,
             returned: vec![0.0; 2],
+            handed_on: Vec::new(),
         };
         let refused = solve_heat(&plates, &heat, SolveOptions::default(), &mut |_| true);
         assert!(

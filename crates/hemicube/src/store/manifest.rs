@@ -101,6 +101,49 @@ impl Header {
     }
 }
 
+/// The mirror or pane that each patch is, if it is one, by a matrix's settings and the names of its objects and
+/// materials; `None` without any.
+///
+/// # Panics
+/// When `patches` are of another matrix.
+pub fn optics_of(
+    settings: &Value,
+    [objects, materials]: [&[String]; 2],
+    patches: &PatchTable,
+) -> Option<Vec<Option<PatchOptics>>> {
+    let surfaces = settings.get("portals")?.get("specular")?.get("surfaces")?;
+    let of = |kind: &str, name: &str| {
+        let optics = surfaces.get(format!("{kind} {name}"))?;
+        Some(PatchOptics {
+            specular: optics.get("specular")?.as_f64()?,
+            transmittance: optics.get("transmittance")?.as_f64()?,
+            varies: varies(optics),
+        })
+    };
+    let all = |kind: &str, names: &[String]| names.iter().map(|name| of(kind, name)).collect::<Vec<_>>();
+    let (objects, materials) = (all("object", objects), all("material", materials));
+    let get = |values: &[Option<PatchOptics>], index: u32| values.get(index as usize).copied().flatten();
+    let both = patches.object.iter().zip(&patches.material);
+    let of_patch = |(&object, &material): (&u32, &u32)| get(&objects, object).or_else(|| get(&materials, material));
+    Some(both.map(of_patch).collect())
+}
+
+/// ρs and τ of a patch; hemispherical means where they depend on the angle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PatchOptics {
+    /// ρs.
+    pub specular: f64,
+    /// τ.
+    pub transmittance: f64,
+    /// True if they depend on the angle.
+    pub varies: bool,
+}
+
+/// Returns whether recorded optics depend on the angle.
+fn varies(optics: &Value) -> bool {
+    optics.get("index").is_some() || optics.get("angles").is_some()
+}
+
 /// Returns whether settings name portals.
 fn names_portals(settings: &Value) -> bool {
     settings.get("portals").is_some_and(|portals| !portals.is_null())
@@ -516,22 +559,32 @@ impl Manifest {
         self.has_portals() && specular.is_some_and(|specular| !specular.is_null())
     }
 
-    /// ρs + τ of each patch, by the names of the mirrors and panes; `None` without any.
+    /// ρs + τ of each patch, by the names of the mirrors and panes; `None` without any. Hemispherical means where they
+    /// depend on the angle.
     ///
     /// # Panics
     /// When `patches` are of another store.
     pub fn handed_on(&self, patches: &PatchTable) -> Option<Vec<f64>> {
-        let surfaces = self.settings.get("portals")?.get("specular")?.get("surfaces")?;
-        let of = |kind: &str, name: &str| {
-            let optics = surfaces.get(format!("{kind} {name}"))?;
-            Some(optics.get("specular")?.as_f64()? + optics.get("transmittance")?.as_f64()?)
-        };
-        let all = |kind: &str, names: &[String]| names.iter().map(|name| of(kind, name)).collect::<Vec<_>>();
-        let (objects, materials) = (all("object", &self.objects), all("material", &self.materials));
-        let get = |values: &[Option<f64>], index: u32| values.get(index as usize).copied().flatten();
-        let both = patches.object.iter().zip(&patches.material);
-        let of_patch = |(&object, &material): (&u32, &u32)| get(&objects, object).or_else(|| get(&materials, material));
-        Some(both.map(|both| of_patch(both).unwrap_or(0.0)).collect())
+        let optics = self.optics_of(patches)?;
+        let passed = |optics: Option<PatchOptics>| optics.map_or(0.0, |optics| optics.specular + optics.transmittance);
+        Some(optics.into_iter().map(passed).collect())
+    }
+
+    /// The mirror or pane that each patch is, if it is one; `None` without any.
+    ///
+    /// # Panics
+    /// When `patches` are of another store.
+    pub fn optics_of(&self, patches: &PatchTable) -> Option<Vec<Option<PatchOptics>>> {
+        optics_of(&self.settings, [&self.objects, &self.materials], patches)
+    }
+
+    /// Returns whether the optics of a mirror or a pane depend on the angle.
+    pub fn passes_by_angle(&self) -> bool {
+        let specular = self.settings.get("portals").and_then(|portals| portals.get("specular"));
+        let surfaces = specular
+            .and_then(|specular| specular.get("surfaces"))
+            .and_then(Value::as_object);
+        surfaces.is_some_and(|surfaces| surfaces.values().any(varies))
     }
 
     /// The end of form factors.

@@ -85,7 +85,12 @@ pub struct RowTable {
     pub passed: Vec<f64>,
     /// Share cut off after the last portal followed, a part of `unselected`; empty without portals.
     pub cut_off: Vec<f64>,
+    /// ρs + τ of each patch, from 0 to 1: the part handed on of what arrives there; empty without mirrors and panes.
+    pub handed_on: Vec<f64>,
 }
+
+/// A patch that keeps less than this part of what arrives exchanges nothing.
+const KEPT_LEAST: f64 = 1e-9;
 
 impl RowTable {
     /// A table of `patch_count` patches without rows.
@@ -102,6 +107,7 @@ impl RowTable {
             hemicube_unselected: unknown(),
             passed: Vec::new(),
             cut_off: Vec::new(),
+            handed_on: Vec::new(),
         }
     }
 
@@ -143,6 +149,9 @@ impl RowTable {
     /// The share of each patch's view that exchanges nothing with others, 1 − Σ F − escaped; `solve` returns it to the
     /// patch. It holds backs, patches without a column, and the closure error (below 0 where the row sums to more than
     /// 1). 0 for a patch without a row.
+    ///
+    /// With mirrors and panes it is (1 − Σ F + passed − escaped) / (1 − ρs − τ), the irradiance per radiosity of which
+    /// the patch keeps what its row lost; 0 for a patch that keeps nothing.
     pub fn returned(&self) -> Vec<f64> {
         self.returned_beside(&self.escaped)
     }
@@ -152,8 +161,21 @@ impl RowTable {
     pub fn returned_beside(&self, outside: &[f64]) -> Vec<f64> {
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
         let rows = self.row_sum.iter().zip(outside).enumerate();
-        rows.map(|(patch, (sum, &outside))| known(1.0 - sum - known(outside) + self.passed_of(patch)))
-            .collect()
+        let lost = |(patch, (sum, &outside)): (usize, (&f64, &f64))| {
+            let lost = known(1.0 - sum - known(outside) + self.passed_of(patch));
+            match self.kept(patch) {
+                1.0 => lost,
+                kept if kept > KEPT_LEAST => lost / kept,
+                _ => 0.0,
+            }
+        };
+        rows.map(lost).collect()
+    }
+
+    /// 1 − ρs − τ of a patch: the part of what arrives there that it absorbs or reflects diffusely; 1 without mirrors
+    /// and panes.
+    pub fn kept(&self, patch: usize) -> f64 {
+        (1.0 - self.handed_on.get(patch).copied().unwrap_or(0.0)).max(0.0)
     }
 
     /// Share of a patch's row that mirrors and panes handed on ([`Passage`]); 0 without any.
@@ -533,6 +555,26 @@ impl Store {
         read_patches(&path, &mut npz, &self.manifest)
     }
 
+    /// The row table of exchanges, in which each patch keeps the same part of all that arrives: where optics depend on
+    /// the angle, *passed* is Σ (ρs + τ) F by their hemispherical means. What a row hands on beyond that is in
+    /// [`RowTable::returned`].
+    ///
+    /// # Errors
+    /// When the patch table or a part is not there, or damaged.
+    pub fn exchange_table(&self) -> Result<RowTable> {
+        let mut table = self.row_table()?;
+        if self.manifest.passes_by_angle() {
+            for row in self.rows()? {
+                let (patch, row) = row?;
+                let of = |column: u32| table.handed_on.get(column as usize).copied().unwrap_or(0.0);
+                let entries = row.indices.iter().zip(&row.data);
+                let passed: f64 = entries.map(|(&column, factor)| of(column) * factor).sum();
+                table.passed[patch.0 as usize] = passed;
+            }
+        }
+        Ok(table)
+    }
+
     /// Sum, shares and error of each row. All NaN until the store is complete.
     ///
     /// # Errors
@@ -554,9 +596,15 @@ impl Store {
         } else {
             [Vec::new(), Vec::new()]
         };
+        let handed_on = if self.manifest.has_specular() {
+            self.manifest.handed_on(&self.patches()?).unwrap_or_default()
+        } else {
+            Vec::new()
+        };
         let table = RowTable {
             passed,
             cut_off,
+            handed_on,
             hemicube_escaped: column(escaped, 1.0)?,
             hemicube_blocked: column(blocked, 1.0)?,
             hemicube_unselected: column(unselected, 1.0)?,

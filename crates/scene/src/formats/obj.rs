@@ -31,7 +31,7 @@
 use crate::bounds::Bounds;
 use crate::names::Names;
 use crate::polygon::{Labels, area_excess, cut_face, push_triangles};
-use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
+use crate::{Error, ErrorKind, Findings, Gloss, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
@@ -513,15 +513,17 @@ impl Reader {
                 self.findings.count("negative emission, read as none");
                 emission = None;
             }
+            let gloss = gloss(&read);
             self.optics.entry(read.name.clone()).or_insert(Material {
                 name: read.name,
                 diffuse,
                 emission,
+                gloss,
             });
         }
     }
 
-    /// The `newmtl`, `Kd` and `Ke` lines of a material library, fit for `tobj`. `tobj` gives up a whole library at one
+    /// The `newmtl`, `Kd`, `Ke`, `Ks`, `d`, `Tr`, `Ni` and `illum` lines of a material library, fit for `tobj`. `tobj` gives up a whole library at one
     /// bad line, even of a kind unused here, and panics at a colour of fewer than three numbers.
     fn library_lines(&mut self, text: &[u8]) -> String {
         let text = crate::text::unmarked(text).unwrap_or(text);
@@ -540,6 +542,10 @@ impl Reader {
                 }
                 b"Kd" if named => "Kd",
                 b"Ke" if named => "Ke",
+                b"Ks" | b"d" | b"Tr" | b"Ni" | b"illum" if named => {
+                    kept.extend(gloss_line(word, line.without_comment()));
+                    continue;
+                }
                 _ => continue,
             };
             let (_, rest) = keyword(line.without_comment());
@@ -559,6 +565,59 @@ impl Reader {
         }
         kept
     }
+}
+
+/// A line of a mirror's or a pane's properties, fit for `tobj`; `None` for one without numbers in range.
+fn gloss_line(word: &[u8], line: &[u8]) -> Option<String> {
+    let (_, rest) = keyword(line);
+    let numbers = words(rest).map(|word| std::str::from_utf8(word).ok()?.parse::<f64>().ok());
+    let numbers: Vec<f64> = numbers.collect::<Option<_>>()?;
+    let share = |share: &f64| (0.0..=1.0).contains(share);
+    match (word, numbers.as_slice()) {
+        (b"Ks", [r, g, b]) if numbers.iter().all(share) => Some(format!("Ks {r} {g} {b}\n")),
+        (b"Ks", [grey]) if share(grey) => Some(format!("Ks {grey} {grey} {grey}\n")),
+        (b"d", [opaque]) if share(opaque) => Some(format!("d {opaque}\n")),
+        (b"Tr", [clear]) if share(clear) => Some(format!("d {}\n", 1.0 - clear)),
+        (b"Ni", [index]) if index.is_finite() => Some(format!("Ni {index}\n")),
+        (b"illum", [model]) if (0.0..=10.0).contains(model) && model.fract() == 0.0 => Some(format!("illum {model}\n")),
+        _ => None,
+    }
+}
+
+/// The mirror or pane that a material is, by its illumination model.
+fn gloss(read: &tobj::Material) -> Option<Gloss> {
+    let specular = read.specular.unwrap_or([0.0; 3]);
+    let clear = 1.0 - read.dissolve.unwrap_or(1.0);
+    let index = read.optical_density.filter(|index| *index > 1.0);
+    let gloss = match read.illumination_model? {
+        3 | 8 => Gloss {
+            specular,
+            ..Gloss::default()
+        },
+        5 => Gloss {
+            specular,
+            index,
+            ..Gloss::default()
+        },
+        4 | 6 | 9 => Gloss {
+            specular: specular.map(|s| s.min(1.0 - clear)),
+            transmittance: [clear; 3],
+            index: None,
+        },
+        7 => Gloss {
+            specular: specular.map(|s| s.min(1.0 - clear)),
+            transmittance: [clear; 3],
+            index,
+        },
+        _ => return None,
+    };
+    let is_any = gloss.index.is_some()
+        || gloss
+            .specular
+            .iter()
+            .chain(&gloss.transmittance)
+            .any(|share| *share > 0.0);
+    is_any.then_some(gloss)
 }
 
 /// The names on an `mtllib` line: one with blanks in it, if there is such a file, or several.

@@ -118,7 +118,7 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
-            .reads(&self.portals.specular)
+            .reads(&self.portals.file())
             .makes(&self.output)
             .tells("--progress-file", &self.process.progress_file)
             .reports(&self.report)

@@ -8,7 +8,7 @@ use crate::picture::canvas::{Anchor, Canvas, Format, NOTHING, Rect, WHITE, scale
 use crate::picture::raster::Lens;
 use crate::prepare::{Prepared, prepare};
 use crate::report::{count, figures, percent};
-use crate::stored;
+use crate::{portals, stored};
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -16,9 +16,16 @@ use hemicube::backend::{Culling, Hemicube, RESOLUTIONS, RenderSettings, WHOLE};
 use hemicube::delta::DeltaTable;
 use hemicube::driver::room::Work;
 use hemicube::face::{Face, Items};
+use hemicube::portal::Specular;
+use hemicube::portal::sight::{PathEnd, ThroughPortals};
 use hemicube::store::Store;
 use hemicube::{Grouping, InputPatch};
 use std::path::PathBuf;
+
+/// Part of a pixel's colour that is of what is seen in a mirror or through a pane.
+const BEHIND: f64 = 0.7;
+/// A path ends where no more than this share of it is left.
+const BOUND: f64 = 1e-4;
 
 /// `hemicube view hemicube`
 #[derive(Args, Debug)]
@@ -57,6 +64,9 @@ pub(crate) struct Arguments {
         conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
     )]
     pub(crate) store: Option<PathBuf>,
+    /// Show what is seen in these mirrors and through these panes [default: the matrix's]; `scene`: its own
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "live")]
+    pub(crate) specular: Option<PathBuf>,
     /// Pixels along an edge: a multiple of 16 up to 1024
     #[arg(long, value_name = "N", default_value = "256", value_parser = resolution)]
     pub(crate) resolution: u32,
@@ -145,11 +155,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if let Some(output) = &arguments.output {
         Format::of(output)?;
     }
+    let mut of_store = None;
     let prepared = match &arguments.store {
         Some(store) => {
-            let store = Store::open(store)?;
+            let store = of_store.insert(Store::open(store)?);
             stored::scene(
-                &store,
+                store,
                 &arguments.scene,
                 &arguments.engine,
                 arguments.patches.allow_large,
@@ -176,7 +187,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         };
         return live::run(live, &prepared, talk);
     };
-    let found = render(arguments, &prepared, patch, talk)?;
+    let specular = match (&arguments.specular, &of_store) {
+        (Some(path), _) => Some(portals::of_one_band(path, &prepared, BOUND)?),
+        (None, Some(store)) => stored::specular(store, &prepared)?,
+        (None, None) => None,
+    };
+    let found = render(arguments, &prepared, patch, specular.as_ref(), talk)?;
     let heading = format!(
         "{}: {}, hemicube of {} pixels",
         name_of(&prepared, asked, patch),
@@ -228,6 +244,8 @@ struct Rendered {
     show: Show,
     resolution: u32,
     items: Items,
+    /// What pixels that show a mirror or a pane see behind it; empty without any.
+    behind: Vec<Option<PathEnd>>,
     table: DeltaTable,
     /// For depth and occlusion.
     layers: Option<Layers>,
@@ -236,7 +254,13 @@ struct Rendered {
 }
 
 /// Renders the hemicube of a patch, unrotated: the picture's edges are the patch's axes.
-fn render(arguments: &Arguments, prepared: &Prepared, patch: InputPatch, talk: Talk) -> Result<Rendered> {
+fn render(
+    arguments: &Arguments,
+    prepared: &Prepared,
+    patch: InputPatch,
+    specular: Option<&Specular>,
+    talk: Talk,
+) -> Result<Rendered> {
     let hemicubes = prepared.model.hemicubes(patch, 1, false);
     let hemicube = hemicubes
         .first()
@@ -253,6 +277,9 @@ fn render(arguments: &Arguments, prepared: &Prepared, patch: InputPatch, talk: T
         },
     )?;
     let items = backend.items(hemicube)?;
+    let behind = specular.map_or_else(Vec::new, |specular| {
+        ThroughPortals::new(specular, None, &prepared.model).brightest(hemicube, &items)
+    });
     let layers = match arguments.show {
         Show::Depth | Show::Occlusion => Some(layers(
             &geometry.surfaces,
@@ -267,6 +294,7 @@ fn render(arguments: &Arguments, prepared: &Prepared, patch: InputPatch, talk: T
         show: arguments.show,
         resolution,
         items,
+        behind,
         table: DeltaTable::new(resolution),
         layers,
         unit: (prepared.model.normalise(DVec3::X) - prepared.model.normalise(DVec3::ZERO)).length(),
@@ -277,6 +305,27 @@ impl Rendered {
     /// The place of a pixel in the atlas.
     fn place(&self, face: Face, x: u32, y: u32) -> usize {
         (face.first_row(self.resolution) + y) as usize * self.resolution as usize + x as usize
+    }
+
+    /// The colour of what a pixel sees: of a mirror or a pane, mostly of what is seen behind it.
+    fn color(&self, place: usize) -> [u8; 3] {
+        let own = color_of(self.items.seen[place]);
+        let behind = match self.behind.get(place).copied().flatten() {
+            None | Some(PathEnd::CutOff) => return own,
+            Some(PathEnd::Patch { patch, .. }) => color_of(patch),
+            Some(PathEnd::Nothing(_)) => NOTHING,
+            Some(PathEnd::Back) => BLOCKED,
+        };
+        std::array::from_fn(|k| {
+            let mixed = (1.0 - BEHIND) * f64::from(own[k]) + BEHIND * f64::from(behind[k]);
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "between two bytes"
+            )]
+            let mixed = mixed.round() as u8;
+            mixed
+        })
     }
 
     /// The number at a pixel; `None` for an empty view.
@@ -321,7 +370,7 @@ fn picture(found: &Rendered, heading: &str) -> Canvas {
                 continue;
             };
             let color = if found.show == Show::Ids {
-                color_of(found.items.seen[found.place(face, x, y)])
+                found.color(found.place(face, x, y))
             } else {
                 found.value(face, x, y).map_or(NOTHING, |value| {
                     scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))

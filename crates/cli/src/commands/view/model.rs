@@ -105,7 +105,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
     prepared.tell_up(arguments.camera.up, talk);
-    draw(&prepared, &values, &arguments.camera, &arguments.output)?;
+    let specular = stored::specular(&store, &prepared)?;
+    draw(
+        &prepared,
+        &values,
+        &arguments.camera,
+        specular.as_ref(),
+        &arguments.output,
+    )?;
     let backs = prepared
         .patches
         .iter()

@@ -79,8 +79,9 @@ impl Survey {
                 let mut before = -1;
                 for (&column, factor) in columns.iter().zip(factors) {
                     let exists = u32::try_from(column).is_ok_and(|column| column < manifest.patch_count);
-                    let is_factor =
-                        factor >= 0.0 && factor.is_finite() && (factor == 0.0 || column != patch.cast_signed());
+                    // Through portals a patch may see itself.
+                    let is_own = column == patch.cast_signed() && !manifest.has_portals();
+                    let is_factor = factor >= 0.0 && factor.is_finite() && (factor == 0.0 || !is_own);
                     if !exists || column <= before || !is_factor {
                         let reason = format!(
                             "has F[{patch}, {column}] = {factor} where none can be; `hemicube check` says more"

@@ -39,6 +39,8 @@ pub(crate) struct Symmetric<'a> {
     of_row: u32,
     buffer: Vec<u8>,
     written: u64,
+    /// 1 − ρs − τ of each patch; empty without mirrors and panes.
+    kept: Vec<f64>,
 }
 
 /// The rows of one part.
@@ -118,11 +120,12 @@ fn at(values: &[f64], patch: u32) -> f64 {
     values.get(patch as usize).copied().unwrap_or(1.0)
 }
 
-/// Σ qᵢⱼ gⱼ over a row: four sums side by side, for the additions not to wait for each other.
-fn product(row: impl Iterator<Item = (u32, f64)>, weights: &[f64]) -> f64 {
+/// Σ qᵢⱼ gⱼ over a row, times what j keeps: four sums side by side, for the additions not to wait for each other.
+fn product(row: impl Iterator<Item = (u32, f64)>, weights: &[f64], kept: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     for (place, (column, value)) in row.enumerate() {
-        sums[place % 4] += value * at(weights, column);
+        let weight = at(weights, column) * if kept.is_empty() { 1.0 } else { at(kept, column) };
+        sums[place % 4] += value * weight;
     }
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
@@ -139,7 +142,13 @@ impl<'a> Symmetric<'a> {
             of_row: 0,
             buffer: Vec::with_capacity(BUFFER + record_size(precision)),
             written: 0,
+            kept: Vec::new(),
         })
+    }
+
+    /// The matrix whose columns count by what their patches keep; all by 1 where `kept` is empty.
+    pub(crate) fn keeping(self, kept: Vec<f64>) -> Self {
+        Self { kept, ..self }
     }
 
     /// Adds an entry to the row under way.
@@ -178,7 +187,10 @@ impl<'a> Symmetric<'a> {
 
     fn size_of(&self, place: usize) -> u64 {
         let lengths = self.lengths.get(self.rows_of(place)).unwrap_or_default();
-        lengths.iter().map(|&length| u64::from(length) * record_size(self.precision) as u64).sum()
+        lengths
+            .iter()
+            .map(|&length| u64::from(length) * record_size(self.precision) as u64)
+            .sum()
     }
 
     /// The rows of a part.
@@ -299,11 +311,12 @@ impl<'a> Symmetric<'a> {
             let mut change = 0.0f64;
             let (mut empty, mut without, mut bound) = (0, 0, 0);
             let (weights, unmatched) = (&mut scaling.weights, &mut scaling.unmatched);
+            let kept = std::mem::take(&mut self.kept);
             self.each_row(|patch, row| {
                 let Some(&Some(target)) = targets.get(patch as usize) else {
                     return;
                 };
-                let sum = product(row, weights);
+                let sum = product(row, weights, &kept);
                 let mut note = |is_unmatched| {
                     if let Some(slot) = unmatched.get_mut(patch as usize) {
                         *slot = is_unmatched;
@@ -327,6 +340,7 @@ impl<'a> Symmetric<'a> {
                     *weight = (*weight * ratio.powf(RELAXATION)).clamp(least, most);
                 }
             })?;
+            self.kept = kept;
             scaling.sweeps += 1;
             scaling.converged = change <= options.tolerance;
             (scaling.rows_empty, scaling.rows_without_target, scaling.rows_at_bound) = (empty, without, bound);

@@ -1,7 +1,7 @@
 //! Materials: names, sidedness and, when asked for, reflectance and emission.
 
 use super::json::{Document, Object};
-use crate::{Error, Findings, Material, ReadOptions};
+use crate::{Error, Findings, Gloss, Material, ReadOptions};
 
 /// The materials of a file, read when first used.
 pub(super) struct Materials<'d, 'v> {
@@ -59,6 +59,39 @@ impl<'d, 'v> Materials<'d, 'v> {
     }
 }
 
+/// A surface without roughness that is all metal, or lets light through.
+fn gloss(object: &Object<'_>, surface: &Object<'_>, colour: [f64; 3], metallic: f64) -> Result<Option<Gloss>, Error> {
+    if surface.number("roughnessFactor")?.unwrap_or(1.0) > 0.0 {
+        return Ok(None);
+    }
+    let colour = colour.map(|c| c.clamp(0.0, 1.0));
+    if metallic >= 1.0 {
+        return Ok(Some(Gloss {
+            specular: colour,
+            ..Gloss::default()
+        }));
+    }
+    let factor = match object.extension("KHR_materials_transmission")? {
+        Some(extension) => extension.number("transmissionFactor")?.unwrap_or(0.0).clamp(0.0, 1.0),
+        None => 0.0,
+    };
+    if factor == 0.0 || metallic > 0.0 {
+        return Ok(None);
+    }
+    let index = match object.extension("KHR_materials_ior")? {
+        Some(extension) => extension.number("ior")?.unwrap_or(INDEX_OF_GLASS),
+        None => INDEX_OF_GLASS,
+    };
+    Ok(Some(Gloss {
+        specular: [0.0; 3],
+        transmittance: colour.map(|c| c * factor),
+        index: Some(index),
+    }))
+}
+
+/// The index of refraction where a file gives none.
+const INDEX_OF_GLASS: f64 = 1.5;
+
 fn read_optics(object: &Object<'_>, material: &mut Material, findings: &mut Findings) -> Result<(), Error> {
     if let Some(surface) = object.object("pbrMetallicRoughness")? {
         let [r, g, b, _] = surface.numbers::<4>("baseColorFactor")?.unwrap_or([1.0; 4]);
@@ -68,6 +101,7 @@ fn read_optics(object: &Object<'_>, material: &mut Material, findings: &mut Find
             findings.count("reflectance outside 0 to 1, clamped");
         }
         material.diffuse = Some(diffuse.map(|d| d.clamp(0.0, 1.0)));
+        material.gloss = gloss(object, &surface, [r, g, b], metallic)?;
         for texture in ["baseColorTexture", "metallicRoughnessTexture"] {
             if surface.has(texture) {
                 findings.count("reflectance texture not read");

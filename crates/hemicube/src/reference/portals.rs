@@ -1,0 +1,198 @@
+//! Reference rows through mirrors, panes and images of a cell: rays go through portals as they meet them.
+//!
+//! Direct form factors are those of any reference. Further arrivals are counted by walks over the hemisphere: at a
+//! portal a walk is reflected with the probability ρs, goes through with τ, and otherwise ends. The mean number of its
+//! arrivals at a patch after the first portal is what the row has beyond F:
+//!
+//! ```text
+//! F^s_ij − F_ij = E[n_j]        squared error (E[n_j²] − E[n_j]²) / walks        passed = Σ E[goes on]
+//! ```
+//!
+//! No closed form, no motion, no window and no splitting of weights is taken: nothing of what it judges but the optics.
+
+use super::hemisphere::directions;
+use super::visibility::{Met, Sight};
+use super::{Reference, ReferenceRow};
+use crate::portal::specular::Laws;
+use crate::portal::{Images, Portals};
+use crate::reference::random::Random;
+use hemicube_scene::InputPatch;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+/// Portals of a walk, at most.
+const PASSES_MAX: u32 = 10_000;
+/// Part of the squared error aimed at for arrivals through portals.
+const SHARE: f64 = 0.5;
+
+/// Portals of a scene's reference.
+#[derive(Clone, Debug)]
+pub(super) struct Through {
+    portals: Arc<Portals>,
+    laws: Laws,
+}
+
+/// Arrivals at a patch: their sum over walks, and that of their squares by walk.
+#[derive(Clone, Copy, Debug, Default)]
+struct Arrivals {
+    sum: u64,
+    squares: u64,
+}
+
+/// Ends of walks after their first portal.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ends {
+    escaped: u64,
+    blocked: u64,
+    cut_off: u64,
+    passed: u64,
+}
+
+impl<'m> Reference<'m> {
+    /// The reference of rows through `portals`. Where they have images of a cell, the model is of all of them, rows and
+    /// columns are the cell's.
+    #[must_use]
+    pub fn with_portals(mut self, portals: &Arc<Portals>) -> Self {
+        let count = self.model.geometry().patch_count;
+        let specular = portals.specular.as_ref();
+        self.through = (!portals.is_empty()).then(|| Through {
+            laws: specular.map_or_else(Laws::default, |specular| specular.laws(portals.images.as_ref(), count)),
+            portals: Arc::clone(portals),
+        });
+        self
+    }
+
+    /// Adds what arrives through portals to a finished row.
+    pub(super) fn extend(&self, emitter: &Sight, row: &mut ReferenceRow) {
+        let Some(through) = &self.through else { return };
+        if through.portals.specular.is_some() {
+            let is_portal = |patch: &u32| through.laws.means.get(*patch as usize).is_some_and(|o| o.is_portal());
+            if row.columns.iter().any(is_portal) {
+                self.walk(emitter, &through.laws, row);
+            }
+        }
+        if let Some(images) = &through.portals.images {
+            fold(row, images);
+        }
+    }
+
+    /// Walks until the squared error of what they find is small, or as many rays were traced as a row may have.
+    fn walk(&self, emitter: &Sight, laws: &Laws, row: &mut ReferenceRow) {
+        let mut found: BTreeMap<u32, Arrivals> = BTreeMap::new();
+        let mut ends = Ends::default();
+        let (mut walks, mut rays) = (0u64, 0u64);
+        let mut of_walk: HashMap<u32, u64> = HashMap::new();
+        let mut round = 0;
+        loop {
+            directions(
+                emitter,
+                [self.settings.seed, u64::MAX - 1, round],
+                |origin, direction| {
+                    walks += 1;
+                    let mut random = Random::of(&[self.settings.seed, u64::from(emitter.patch), walks, 0xB07]);
+                    of_walk.clear();
+                    let mut sight = emitter.clone();
+                    let (mut from, mut towards) = (origin, direction);
+                    for passes in 0..=PASSES_MAX {
+                        rays += 1;
+                        let patch = match self.occluders.first(&sight, from, towards) {
+                            Met::Nothing => {
+                                ends.escaped += u64::from(passes > 0);
+                                break;
+                            }
+                            Met::Back => {
+                                ends.blocked += u64::from(passes > 0);
+                                break;
+                            }
+                            Met::Patch(patch) => patch,
+                        };
+                        if passes > 0 {
+                            *of_walk.entry(patch).or_default() += 1;
+                        }
+                        let Some(met) = Sight::new(self.model, InputPatch(patch)) else {
+                            break;
+                        };
+                        let across = met.normal.dot(towards);
+                        let optics = laws.at(patch, across);
+                        let choice = random.unit();
+                        let is_mirrored = choice < optics.specular;
+                        if !is_mirrored && choice >= optics.passed() {
+                            break;
+                        }
+                        ends.passed += 1;
+                        if passes == PASSES_MAX {
+                            ends.cut_off += 1;
+                            break;
+                        }
+                        from += towards * (met.height(from) / -across);
+                        if is_mirrored {
+                            towards = (towards - met.normal * (2.0 * across)).normalize();
+                            sight = Sight::free(from, met.normal);
+                        } else {
+                            sight = Sight::free(from, -met.normal);
+                        }
+                    }
+                    for (&patch, &count) in &of_walk {
+                        let arrivals = found.entry(patch).or_default();
+                        arrivals.sum += count;
+                        arrivals.squares += count * count;
+                    }
+                },
+            );
+            round += 1;
+            let whole = walks as f64;
+            let variance = |arrivals: &Arrivals| {
+                let mean = arrivals.sum as f64 / whole;
+                (arrivals.squares as f64 / whole - mean * mean).max(0.0) / whole
+            };
+            let norm = row.squared_norm() + found.values().map(|a| (a.sum as f64 / whole).powi(2)).sum::<f64>();
+            let error: f64 = found.values().map(variance).sum();
+            let is_done = error <= SHARE * self.settings.target.powi(2) * norm;
+            if is_done || rays >= self.settings.max_rays {
+                break;
+            }
+        }
+        let whole = walks as f64;
+        let share = |count: u64| count as f64 / whole;
+        row.rays += rays;
+        row.escaped += share(ends.escaped);
+        row.blocked += share(ends.blocked);
+        row.cut_off += share(ends.cut_off);
+        row.passed += share(ends.passed);
+        let each = |count: u64| (share(count) * (1.0 - share(count)).max(0.0) / whole).sqrt();
+        row.error_of_shares = row.error_of_shares.hypot(each(ends.escaped).max(each(ends.blocked)));
+        for (patch, arrivals) in found {
+            let mean = share(arrivals.sum);
+            let variance = (share(arrivals.squares) - mean * mean).max(0.0) / whole;
+            match row.columns.binary_search(&patch) {
+                Ok(place) => {
+                    row.values[place] += mean;
+                    row.errors[place] = row.errors[place].hypot(variance.sqrt());
+                }
+                Err(place) => {
+                    row.columns.insert(place, patch);
+                    row.values.insert(place, mean);
+                    row.errors.insert(place, variance.sqrt());
+                }
+            }
+        }
+    }
+}
+
+/// Adds the columns of images to the cell's; those of curtains are cut off.
+fn fold(row: &mut ReferenceRow, images: &Images) {
+    let mut folded: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+    for ((&patch, &value), &error) in row.columns.iter().zip(&row.values).zip(&row.errors) {
+        match images.fold(patch) {
+            Some(patch) => {
+                let entry = folded.entry(patch).or_default();
+                entry.0 += value;
+                entry.1 = entry.1.hypot(error);
+            }
+            None => row.cut_off += value,
+        }
+    }
+    row.columns = folded.keys().copied().collect();
+    row.values = folded.values().map(|&(value, _)| value).collect();
+    row.errors = folded.values().map(|&(_, error)| error).collect();
+}

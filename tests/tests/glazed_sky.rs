@@ -1,0 +1,250 @@
+//! Sky and suns through mirrors and panes: against rays traced backwards, written here, and against the beam's geometry.
+//!
+//! The binary is the one beside this test: build it with the same profile and target directory before.
+
+#![cfg(unix)]
+
+use glam::DVec3;
+use hemicube::portal::Law;
+use hemicube::sky::{SkyDivision, StoredSky};
+use hemicube_tests::rooms::{Quad, both_ways, obj, room};
+use hemicube_tests::runs::Place;
+use std::f64::consts::TAU;
+
+#[track_caller]
+fn near(found: f64, exact: f64, most: f64) {
+    assert!(
+        (found - exact).abs() <= most,
+        "{found} is {:e} off {exact}",
+        found - exact
+    );
+}
+
+/// Evenly in [0, 1): a SplitMix64 stream.
+fn random() -> impl FnMut() -> f64 {
+    let mut state = 7u64;
+    move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+const INDEX: f64 = 1.52;
+const DEPTH: f64 = 0.006 * 30.0;
+const GLASS: &str = "[object.facade]\nindex = 1.52\nthickness = 0.006\nextinction = 30\n";
+
+/// A street along y: the ground, a façade of glass at x = 5 that is 8 high, and a sensor on the other side that looks at
+/// it.
+fn street() -> Vec<Quad<'static>> {
+    let mut quads = vec![
+        (
+            "ground",
+            [[-5., -10., 0.], [5., -10., 0.], [5., 10., 0.], [-5., 10., 0.]],
+        ),
+        (
+            "sensor",
+            [[0., 0., 2.], [0., 0.02, 2.], [0., 0.02, 2.02], [0., 0., 2.02]],
+        ),
+    ];
+    quads.extend(both_ways((
+        "facade",
+        [[5., -10., 0.], [5., 10., 0.], [5., 10., 8.], [5., -10., 8.]],
+    )));
+    quads
+}
+
+/// What a ray from the sensor brings of the sky: through the façade, off it, or past it.
+fn brought(from: DVec3, towards: DVec3, glass: &Law, radiance: &impl Fn(DVec3) -> f64) -> f64 {
+    let meets_ground = |from: DVec3, towards: DVec3| {
+        let at = from + towards * (-from.z / towards.z);
+        towards.z < 0.0 && (-5.0..=5.0).contains(&at.x) && (-10.0..=10.0).contains(&at.y)
+    };
+    let sky = |from: DVec3, towards: DVec3| {
+        if meets_ground(from, towards) {
+            0.0
+        } else {
+            radiance(towards)
+        }
+    };
+    let at = from + towards * ((5.0 - from.x) / towards.x);
+    let is_glass = towards.x > 0.0 && (-10.0..=10.0).contains(&at.y) && (0.0..=8.0).contains(&at.z);
+    if !is_glass {
+        return sky(from, towards);
+    }
+    let optics = glass.at(towards.x);
+    let mirrored = DVec3::new(-towards.x, towards.y, towards.z);
+    // Back over the street; the sensor is too small to be met.
+    optics.specular * sky(at, mirrored) + optics.transmittance * sky(at, towards)
+}
+
+#[test]
+fn a_facade_of_glass_lights_the_street_opposite() {
+    let place = Place::new();
+    place.write("street.obj", obj(&street()));
+    place.write("glass.toml", GLASS);
+    place
+        .line("sky street.obj --up z -o sky --specular glass.toml --resolution 512 --quiet")
+        .is(0);
+    let sky = StoredSky::open(&place.path("sky/sky.npz")).expect("sky rows");
+    let division = SkyDivision::new(1).expect("Tregenza's");
+    // Brighter in the west, behind the sensor: what the façade reflects counts.
+    let level = |column: u32| {
+        if column == 0 {
+            return 0.1;
+        }
+        let middle = division.middle(column);
+        1.0 + 6.0 * (-middle.x).max(0.0) + middle.z
+    };
+    let radiance = |towards: DVec3| level(division.column(towards));
+    let irradiance = |row: usize| -> f64 {
+        let (columns, shares) = sky.row(row);
+        let each = columns.iter().zip(shares);
+        each.map(|(&column, &share)| level(column) * share).sum()
+    };
+    let glass = Law::Pane {
+        index: INDEX,
+        depth: DEPTH,
+    };
+    let mut unit = random();
+    let (mut sum, mut direct) = (0.0, 0.0);
+    let rays = 4_000_000;
+    let opaque = Law::Face { index: 1.0 };
+    for _ in 0..rays {
+        let from = DVec3::new(0.0, 0.02 * unit(), 2.0 + 0.02 * unit());
+        let (u, v) = (unit(), unit());
+        let (sine, cosine) = (TAU * v).sin_cos();
+        let towards = DVec3::new((1.0 - u).sqrt(), u.sqrt() * cosine, u.sqrt() * sine);
+        sum += brought(from, towards, &glass, &radiance);
+        direct += brought(from, towards, &opaque, &radiance);
+    }
+    let (exact, direct) = (sum / f64::from(rays), direct / f64::from(rays));
+    assert!(
+        exact > 1.3 * direct,
+        "the façade brings much of it: {exact} and {direct}"
+    );
+    // Patches 2 and 3 are the sensor's halves.
+    near(0.5 * (irradiance(2) + irradiance(3)), exact, 0.01 * exact);
+    // Without the option the façade hides the sky.
+    place
+        .line("sky street.obj --up z -o plain --resolution 512 --quiet")
+        .is(0);
+    let plain = StoredSky::open(&place.path("plain/sky.npz")).expect("sky rows");
+    let (columns, shares) = plain.row(2);
+    let each = columns.iter().zip(shares);
+    let seen: f64 = each.map(|(&column, &share)| level(column) * share).sum();
+    near(seen, direct, 0.01 * direct);
+}
+
+#[test]
+fn a_matrix_with_panes_has_the_sky_that_escapes_through_them() {
+    let place = Place::new();
+    place.write("street.obj", obj(&street()));
+    place.write("glass.toml", GLASS);
+    let settings = "--correction pixel --resolution 128";
+    place
+        .line(&format!(
+            "compute street.obj --up z -o street --specular glass.toml --quiet {settings}"
+        ))
+        .is(0);
+    // The matrix's own mirrors and panes; others are refused.
+    place.line("sky street.obj --store street --quiet").is(0);
+    let report = place.line("check street --json").is(0).json();
+    assert_eq!(report["ok"], true, "{report}");
+    let sky = StoredSky::open(&place.path("street/sky/sky.npz")).expect("sky rows");
+    let store = hemicube::store::Store::open(&place.path("street")).expect("a store");
+    let escaped = store.row_table().expect("rows").escaped;
+    for (row, &escaped) in escaped.iter().enumerate() {
+        let sum: f64 = sky.row(row).1.iter().sum();
+        near(sum, escaped, 1e-5);
+    }
+    place.write("glass.toml", "[object.facade]\nspecular = 0.5\n");
+    place
+        .line("sky street.obj --store street --specular glass.toml")
+        .is(2)
+        .says(&["are not those of"]);
+}
+
+/// The numbers of a `.npy` file of f32 in rows.
+fn array(bytes: &[u8]) -> Vec<f32> {
+    let header = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let (numbers, _) = bytes[10 + header..].as_chunks::<4>();
+    numbers.iter().map(|number| f32::from_le_bytes(*number)).collect()
+}
+
+fn sunlight(place: &Place) -> Vec<f64> {
+    let bytes = std::fs::read(place.path("sky/sunlight.npy")).expect("sunlight");
+    array(&bytes).into_iter().map(f64::from).collect()
+}
+
+/// A room of 4 × 4 × 3 with a window of 2 × 1 in the north wall, open beside it: nothing but the window lets the sun in.
+fn with_window() -> Vec<Quad<'static>> {
+    let mut quads = room(4., 4., 3.);
+    quads.retain(|(name, _)| *name != "y1");
+    for (low, high, bottom, top) in [(0., 1., 0., 3.), (3., 4., 0., 3.), (1., 3., 0., 1.), (1., 3., 2., 3.)] {
+        quads.extend(both_ways((
+            "wall",
+            [[low, 4., bottom], [low, 4., top], [high, 4., top], [high, 4., bottom]],
+        )));
+    }
+    quads.extend(both_ways((
+        "window",
+        [[1., 4., 1.], [1., 4., 2.], [3., 4., 2.], [3., 4., 1.]],
+    )));
+    quads
+}
+
+#[test]
+fn the_sun_comes_through_a_window_onto_the_floor() {
+    let place = Place::new();
+    place.write("room.obj", obj(&with_window()));
+    place.write(
+        "glass.toml",
+        "[object.window]\nindex = 1.52\nthickness = 0.006\nextinction = 30\n",
+    );
+    place.write("suns.txt", "0 1 1\n0 -1 1\n");
+    place
+        .line("sky room.obj --up z -o sky --specular glass.toml --suns suns.txt --split 16 --resolution 32 --quiet")
+        .is(0);
+    let light = sunlight(&place);
+    // The floor is two triangles of 256 patches.
+    let area = 16.0 / 512.0;
+    let onto_floor = |sun: usize| (0..512).map(|patch| area * light[2 * patch + sun]).sum::<f64>();
+    let cosine = 0.5f64.sqrt();
+    let through = Law::Pane {
+        index: INDEX,
+        depth: DEPTH,
+    }
+    .at(cosine)
+    .transmittance;
+    near(onto_floor(0), through * 2.0 * cosine, 0.01 * through * 2.0 * cosine);
+    assert_eq!(onto_floor(1), 0.0, "the sun behind the house");
+    assert_eq!(light.iter().filter(|light| **light > 1.0).count(), 0);
+}
+
+#[test]
+fn the_sun_comes_off_a_mirror() {
+    let place = Place::new();
+    place.write(
+        "street.obj",
+        obj(&[
+            ("mirror", [[5., -9., 0.], [5., -9., 20.], [5., 9., 20.], [5., 9., 0.]]),
+            ("wall", [[0., 0., 0.], [0., 1., 0.], [0., 1., 1.], [0., 0., 1.]]),
+        ]),
+    );
+    place.write("mirror.toml", "[object.mirror]\nspecular = 0.8\n");
+    place.write("suns.txt", "-1 0 1\n1 0 1\n");
+    place
+        .line("sky street.obj --up z -o sky --specular mirror.toml --suns suns.txt --resolution 32 --quiet")
+        .is(0);
+    let light = sunlight(&place);
+    let cosine = 0.5f64.sqrt();
+    for wall in [2, 3] {
+        near(light[2 * wall], 0.8 * cosine, 1e-6);
+        near(light[2 * wall + 1], 0.0, 1e-6);
+    }
+    // The mirror's front sees the first sun directly.
+    near(light[0], cosine, 1e-6);
+}
