@@ -531,3 +531,86 @@ fn values_of_patches_are_on_all_of_their_triangles() {
     place.line("check balanced -q --closure 1e-5 --reciprocity 1e-5").is(0);
     place.line("compare balanced objects -q").is(0);
 }
+
+/// The first number of a name, anywhere in a report.
+fn found(report: &serde_json::Value, name: &str) -> Option<f64> {
+    if let Some(number) = report.get(name).and_then(serde_json::Value::as_f64) {
+        return Some(number);
+    }
+    let inner: Vec<&serde_json::Value> = match report {
+        serde_json::Value::Object(fields) => fields.values().collect(),
+        serde_json::Value::Array(items) => items.iter().collect(),
+        _ => Vec::new(),
+    };
+    inner.into_iter().find_map(|value| found(value, name))
+}
+
+#[test]
+fn a_tolerance_is_of_the_matrix_of_surfaces() {
+    let place = Place::new();
+    place.line("generate room --patches 1000 -o room.obj -q").is(0);
+    place.write("quads.obj", quads(5));
+    for (scene, kind) in [("room.obj", "object"), ("quads.obj", "object"), ("quads.obj", "face")] {
+        let compute = |name: &str, accuracy: &str| {
+            let line = format!("compute {scene} -o {name} --overwrite --patches {kind} {accuracy} -q --json");
+            place.line(&line).is(0).json()
+        };
+        let off = |name: &str| {
+            let compared = place.line(&format!("compare {name} fine --json"));
+            found(&compared.json(), "relative_frobenius").expect("an error")
+        };
+        compute("fine", "--tolerance 0.05%");
+        let report = compute("asked", "--tolerance 1%");
+        let reason = report["settings"]["reason"].as_str().unwrap_or_default().to_owned();
+        assert!(reason.contains(&format!("added up by {kind}")), "{report}");
+        let error = off("asked");
+        say(&format!("{scene} by {kind}: {error:.5} off at 1 %; {reason}"));
+        assert!(error <= 0.01, "{scene} by {kind}: {error}");
+        // Rows still sum to 1 within the tolerance.
+        place.line("check asked -q --closure 0.01").is(0);
+        compute("coarse", "--correction pixel --resolution 16");
+        assert!(off("coarse") > 0.01, "a coarse one is found out");
+    }
+}
+
+#[test]
+fn verification_draws_from_large_patches_and_says_how_sure_it_is() {
+    let place = Place::new();
+    place.write("quads.obj", quads(6));
+    let run = |more: &str| {
+        let line =
+            format!("compute quads.obj -o F --overwrite --patches object --tolerance 2% --verify 3 --json {more}");
+        place.line(&line)
+    };
+    // Each side has 72 triangles, 32 of which are drawn.
+    let ran = run("").is(0);
+    let said = ran.err.clone();
+    assert!(said.contains("32 drawn of each of 3 large patches"), "{said}");
+    let report = ran.json();
+    let drawn = &report["verification"]["elements"];
+    assert!(
+        drawn["rows"].as_u64().is_some_and(|rows| (60..=96).contains(&rows)),
+        "{report}"
+    );
+    let measured = &report["verification"]["measured"];
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    let interval = &measured["interval_of_rows"];
+    assert!(
+        number(&interval["low"]) <= 0.02 && number(&interval["high"]) < 0.05,
+        "{measured}"
+    );
+    assert!(
+        number(&measured["reference_noise"]) > 0.0,
+        "what the draw leaves open is told"
+    );
+    // What is wrong is found: sums of coarse pixels.
+    let coarse = place
+        .line("compute quads.obj -o G --patches object --correction pixel --resolution 16 --verify 3 --json")
+        .is(0)
+        .json();
+    let coarse = number(&coarse["verification"]["measured"]["relative_frobenius"]);
+    assert!(
+        coarse > 2.0 * number(&measured["relative_frobenius"]),
+        "{coarse} {measured}"
+    );
+}

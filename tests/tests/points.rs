@@ -701,7 +701,8 @@ fn one_point_of_a_city_of_20_000_patches_takes_a_tenth_of_a_second_after_loading
         let before = processor_time();
         for _ in 0..TIMES {
             let resolutions = options.resolutions();
-            let sessions: Vec<Box<dyn HemicubeBackend>> = resolutions.iter().map(|_| Box::new(CpuBackend::new()) as _).collect();
+            let sessions: Vec<Box<dyn HemicubeBackend>> =
+                resolutions.iter().map(|_| Box::new(CpuBackend::new()) as _).collect();
             let sensors = [Sensor { position, body }];
             let rows = rows_of_sensors(
                 &model,

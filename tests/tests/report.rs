@@ -512,7 +512,7 @@ fn a_click_on_any_triangle_of_a_patch_shows_the_row_of_the_patch() {
         let wanted = largest(&store, patch, entries.len());
         for (entry, (column, factor)) in entries.iter().zip(&wanted) {
             let found = entry["factor"].as_f64().expect("a number");
-            assert!(near(found, f64::from(*factor)), "{patch}: {entry} {column} {factor}");
+            assert!(near(found, *factor), "{patch}: {entry} {column} {factor}");
         }
         // What lies in the middle of the picture is of that patch.
         browser.script(

@@ -86,13 +86,10 @@ impl Points {
             _ => input.materials.iter().map(|material| material.name.clone()).collect(),
         };
         let frame = crate::pandas::frame(py, zones.as_any(), None, Some(&names))?;
-        let columns: [(&str, fn(&SensorRow) -> f64); 3] = [
-            ("(sky)", |row| row.sky),
-            ("(ground)", |row| row.ground),
-            ("(blocked)", |row| row.blocked),
-        ];
-        for (name, of) in columns {
-            frame.set_item(name, PyArray1::from_vec(py, self.rows.iter().map(of).collect()))?;
+        let shares = |row: &SensorRow| [row.sky, row.ground, row.blocked];
+        for (place, name) in ["(sky)", "(ground)", "(blocked)"].into_iter().enumerate() {
+            let column = self.rows.iter().map(|row| shares(row)[place]).collect();
+            frame.set_item(name, PyArray1::from_vec(py, column))?;
         }
         Ok(frame)
     }

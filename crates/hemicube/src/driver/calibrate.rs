@@ -15,13 +15,13 @@ mod grouped;
 
 use crate::accuracy::correct::fraction;
 use crate::accuracy::error_model::PriorSums;
-use crate::accuracy::refine::{Pair, Refinement, Refiner};
+use crate::accuracy::refine::{Pair, Refinement, Refiner, exact};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
 use crate::row::{RowBlock, RowView};
 use crate::{Grouping, Model};
-use grouped::{Draw, added_up, mean_norm, product};
+use grouped::{Draw, added_up, difference, mean_and_error, mean_norm, of_patch};
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -82,6 +82,9 @@ const MANY: usize = 4096;
 const MARGIN: f64 = 0.82;
 /// Slack in the rule that an error falls in proportion to the effort at most.
 const SLACK: f64 = 1.15;
+/// Squared error of patches, in the mean squared error of their elements' rows, at least: a choice. By it, an error of
+/// elements is taken for up to four times that of their patches.
+const LEAST_SHARED: f64 = 1.0 / 16.0;
 /// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
 const LEAST_ESTIMATE: f64 = 0.05;
 const MOST_ESTIMATE: f64 = 4.0;
@@ -145,14 +148,18 @@ pub fn calibrate<'a>(
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
-    let each_up_to = if tolerance < FINEST_OF_RAYS { MANY } else { SMALL };
+    let each_up_to = match tolerance {
+        t if t < FINEST_OF_RAYS => MANY,
+        t if t <= exact::FINEST => exact::MOST_PATCHES,
+        _ => SMALL,
+    };
     if model.patches().len() <= each_up_to && tolerance <= FINE {
         return Ok(each_pair(model, tolerance));
     }
     let Emitters { elements, grouping } = emitters.into();
     // A patch without area has no hemicube.
     let has_area = |row: &InputPatch| !model.hemicubes(*row, 1, rotate).is_empty();
-    let (rows, twins) = match grouping {
+    let (rows, weights) = match grouping {
         None => {
             let mut rows = sample(elements, NORM_ROWS, SEED);
             rows.retain(has_area);
@@ -160,13 +167,20 @@ pub fn calibrate<'a>(
         }
         Some(grouping) => {
             let elements: Vec<InputPatch> = elements.iter().copied().filter(has_area).collect();
-            let draw = Draw::new(grouping, model.patches(), &elements, NORM_ROWS, SEED);
-            (draw.rows, draw.twins)
+            let mut draw = Draw::new(grouping, model.patches(), &elements, NORM_ROWS, SEED);
+            draw.rows.append(&mut draw.twins);
+            (draw.rows, draw.weights)
         }
     };
-    let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
+    // Twins follow the rows that they are of.
+    let own = if grouping.is_some() { weights.len() } else { rows.len() };
+    let stride = own.div_ceil(TRIED_ROWS).max(1);
+    let tried = (0..own).step_by(stride);
     let sample = Sample {
-        tried: (0..rows.len()).step_by(stride).collect(),
+        tried: match grouping {
+            None => tried.collect(),
+            Some(_) => tried.clone().chain(tried.map(|place| own + place)).collect(),
+        },
         // Where all pairs are measured, no effort is tried with coarse ones.
         coarse: if model.patches().len() <= SMALL {
             RowBlock::default()
@@ -174,9 +188,8 @@ pub fn calibrate<'a>(
             hemicubes(model, &rows, rotate, COARSE, backend)?
         },
         fine: hemicubes(model, &rows, rotate, FINEST, backend)?,
-        of_twins: hemicubes(model, &twins, rotate, FINEST, backend)?,
         rows,
-        twins,
+        weights,
         grouping,
         model,
         receives,
@@ -212,7 +225,11 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
     Calibration {
         refinement: Refinement {
             each: true,
-            rule: FactorRule::for_tolerance(tolerance * 0.1),
+            rule: if tolerance <= exact::FINEST {
+                FactorRule::exact()
+            } else {
+                FactorRule::for_tolerance(tolerance * 0.1)
+            },
             ..Refinement::for_tolerance(tolerance)
         },
         resolution: FINEST,
@@ -237,10 +254,10 @@ struct Sample<'a> {
     tried: Vec<usize>,
     coarse: RowBlock,
     fine: RowBlock,
-    /// The patches of elements, and another element of the patch of each row.
+    /// The patches of elements. The second half of `rows`, and of `tried`, then are other elements of the patches of the
+    /// first half, whose weights in their patches are here.
     grouping: Option<&'a Grouping>,
-    twins: Vec<InputPatch>,
-    of_twins: RowBlock,
+    weights: Vec<f64>,
 }
 
 impl Sample<'_> {
@@ -274,15 +291,14 @@ impl Sample<'_> {
             ..Refinement::for_tolerance(self.tolerance)
         };
         let mut refiner = self.refiner(plain);
-        let (mut norm, mut products) = (0.0, Vec::with_capacity(self.twins.len()));
+        let (mut norm, mut rows) = (0.0, Vec::new());
         for (k, &row) in self.rows.iter().enumerate() {
             self.go_on()?;
-            let found = refiner.row(model, row, seen(self.fine.row(k)), false, receives);
-            norm += found.squared_norm;
-            if let Some(&twin) = self.twins.get(k) {
-                let own = self.of_patches(values(&refiner.pairs));
-                refiner.row(model, twin, seen(self.of_twins.row(k)), false, receives);
-                products.push(product(&own, &self.of_patches(values(&refiner.pairs))));
+            norm += refiner
+                .row(model, row, seen(self.fine.row(k)), false, receives)
+                .squared_norm;
+            if self.grouping.is_some() {
+                rows.push(self.of_patches(values(&refiner.pairs)));
             }
         }
         let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
@@ -299,7 +315,11 @@ impl Sample<'_> {
             refiner.measure_priors(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
         }
         let norm = match self.grouping {
-            Some(_) => mean_norm(&products),
+            Some(_) => {
+                let own = self.weights.len();
+                let of = |(k, &weight): (usize, &f64)| of_patch(weight, &rows[k], &rows[own + k]);
+                mean_norm(&self.weights.iter().enumerate().map(of).collect::<Vec<f64>>())
+            }
             None => known.mean_squared_norm,
         };
         let priors = sums.priors();
@@ -356,12 +376,16 @@ impl Sample<'_> {
         let resolution = if known.all { FINEST } else { resolution_of(effort) };
         let block = if resolution == COARSE { &self.coarse } else { &self.fine };
         let numbered: Vec<usize> = (0..self.tried.len()).collect();
-        let found: Vec<(f64, f64)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
-            let (row, expected) = self.refined(refiner, block, self.tried[n]);
-            (squared_difference(&row, &exact[n]), expected)
+        let found: Vec<(Row, f64)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
+            self.refined(refiner, block, self.tried[n])
         });
         self.go_on()?;
-        let (errors, expected): (Vec<f64>, Vec<f64>) = found.into_iter().unzip();
+        let (rows, expected): (Vec<Row>, Vec<f64>) = found.into_iter().unzip();
+        let errors = rows
+            .iter()
+            .zip(exact)
+            .map(|(row, exact)| squared_difference(row, exact));
+        let errors: Vec<f64> = errors.collect();
         let (squared, expected): (f64, f64) = (errors.iter().sum(), expected.iter().sum());
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
         let estimate = if expected > 0.0 {
@@ -370,15 +394,31 @@ impl Sample<'_> {
             1.0
         };
         let norm = norm.max(f64::MIN_POSITIVE);
-        let count = errors.len().max(1) as f64;
-        let mean = errors.iter().sum::<f64>() / count;
-        let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
+        let (mut mean, mut error) = mean_and_error(&errors);
+        if self.grouping.is_some() {
+            let differences: Vec<Row> = rows
+                .iter()
+                .zip(exact)
+                .map(|(row, exact)| difference(row, exact))
+                .collect();
+            let (own, stride) = (differences.len() / 2, self.weights.len().div_ceil(TRIED_ROWS).max(1));
+            let of = |n: usize| of_patch(self.weights[n * stride], &differences[n], &differences[own + n]);
+            let of_patches: Vec<f64> = (0..own).map(of).collect();
+            // Few pairs know a mean near 0 badly.
+            let least = LEAST_SHARED * mean;
+            (mean, error) = mean_and_error(&of_patches);
+            mean = mean.max(least);
+        }
         Ok(Calibration {
             refinement: Refinement { estimate, ..refinement },
             resolution,
             expected: (mean / norm).sqrt(),
-            at_most: ((mean + SURE * variance.sqrt()) / norm).sqrt(),
-            rows: errors.len(),
+            at_most: ((mean + SURE * error) / norm).sqrt(),
+            rows: if self.grouping.is_some() {
+                errors.len() / 2
+            } else {
+                errors.len()
+            },
             reason: String::new(),
         })
     }

@@ -1,20 +1,14 @@
 //! The error of a matrix of patches that are several elements, from rows of some elements.
 //!
-//! With w_i = A_i / A_I, e_i the errors of an element's row and E_I those of its patch's, columns added up by patch in
-//! both,
+//! With w_i = A_i / A_I, e_i the errors of an element's row and f_i its form factors, columns added up by patch,
 //!
 //! ```text
-//! E_I = Σ_{i∈I} w_i e_i        Σ_I |E_I|² ≤ Σ_I Σ_{i∈I} w_i |e_i|²        (Jensen)
-//! F_I = Σ_{i∈I} w_i f_i        Σ_I |F_I|² = Σ_I Σ_{i,k∈I} w_i w_k f_i·f_k
+//! |Σ_{i∈I} w_i e_i|² = Σ_i w_i² |e_i|² + Σ_{i≠k} w_i w_k e_i·e_k = E_i [ w_i |e_i|² + (1 − w_i) e_i·e_k ]
 //! ```
 //!
-//! With independent errors |E_I| would be |e_i| / √n for n equal elements, and with errors that all elements share, |e_i|:
-//! neighbours look past the same edges, so the bound takes them for shared. What evens out is counted only among the
-//! columns of a row, where it is measured: random parts of m equal columns fall by √m beside their sum, and parts that point
-//! one way do not.
-//!
-//! Patches are drawn in turn, and in each an element i in proportion to its area, for |e_i|² and f_i, and another one k,
-//! independently, for f_k: then E |e_i|² is the bound's inner sum, and E f_i·f_k is |F_I|².
+//! with i drawn in proportion to w, and k, among the others, too. Independent errors leave the first term, 1/n of |e|² with n
+//! equal elements; errors that all elements share leave |e|² (Jensen's bound): neighbours look past the same edges. How much
+//! of either there is, the second term measures; |Σ w f|², of which the error is a share, likewise. Patches are drawn in turn.
 
 use super::Row;
 use crate::Grouping;
@@ -22,11 +16,13 @@ use crate::sampling::splitmix;
 use hemicube_scene::{InputPatch, Patches};
 use std::collections::BTreeMap;
 
-/// Elements drawn: `rows` and `twins`, of one patch each pair, pairs of a patch side by side.
+/// Elements drawn: `rows` and `twins`, of one patch each pair, pairs of a patch side by side; and w of each row. The twin of
+/// a patch's only element is itself.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Draw {
     pub(super) rows: Vec<InputPatch>,
     pub(super) twins: Vec<InputPatch>,
+    pub(super) weights: Vec<f64>,
 }
 
 impl Draw {
@@ -51,24 +47,28 @@ impl Draw {
             own.push((emitter, before + patches.area(emitter)));
         }
         let mut state = seed;
-        let mut draw = |own: &[(InputPatch, f64)]| {
-            let whole = own.last().map_or(0.0, |(_, area)| *area);
-            let at = splitmix::unit(splitmix::next(&mut state)) * whole;
-            let place = own
-                .partition_point(|&(_, area)| area <= at)
-                .min(own.len().saturating_sub(1));
-            own.get(place).map(|(element, _)| *element)
+        // A place in proportion to the area, but not `without`.
+        let mut draw = |own: &[(InputPatch, f64)], without: Option<usize>| {
+            let end = |place: usize| own.get(place).map_or(0.0, |(_, area)| *area);
+            let begin = |place: usize| place.checked_sub(1).map_or(0.0, end);
+            let (skipped, from) =
+                without.map_or((0.0, f64::INFINITY), |place| (end(place) - begin(place), begin(place)));
+            let at = splitmix::unit(splitmix::next(&mut state)) * (end(own.len() - 1) - skipped);
+            let at = if at < from { at } else { at + skipped };
+            own.partition_point(|&(_, area)| area <= at).min(own.len() - 1)
         };
         let mut found = Self::default();
-        let (all, count) = (order.len(), count.max(order.len().min(count)));
+        let all = order.len();
         for (place, patch) in order.iter().enumerate() {
             // count / all of each, spread evenly where there are more patches than draws.
             for _ in (place * count / all)..((place + 1) * count / all) {
                 let own = &elements[patch];
-                if let (Some(row), Some(twin)) = (draw(own), draw(own)) {
-                    found.rows.push(row);
-                    found.twins.push(twin);
-                }
+                let row = draw(own, None);
+                let twin = if own.len() > 1 { draw(own, Some(row)) } else { row };
+                found.rows.push(own[row].0);
+                found.twins.push(own[twin].0);
+                let whole = own.last().map_or(1.0, |(_, area)| *area);
+                found.weights.push(patches.area(own[row].0) / whole);
             }
         }
         found
@@ -85,21 +85,40 @@ pub(super) fn added_up(row: &Row, grouping: &Grouping) -> Row {
 }
 
 /// Σ a b over the common columns of two rows with ascending columns.
-pub(super) fn product(a: &Row, b: &Row) -> f64 {
+fn product(a: &Row, b: &Row) -> f64 {
     let other: BTreeMap<u32, f64> = b.iter().copied().collect();
     a.iter()
         .map(|(column, factor)| factor * other.get(column).copied().unwrap_or(0.0))
         .sum()
 }
 
-/// The mean of |F_I|² from products of pairs, less 1.5 standard errors, but no less than a quarter of the mean: 0 where
-/// rows have nothing.
-pub(super) fn mean_norm(products: &[f64]) -> f64 {
-    let count = products.len().max(1) as f64;
-    let mean = products.iter().sum::<f64>() / count;
-    let variance =
-        products.iter().map(|product| (product - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
-    (mean - super::SURE * variance.sqrt()).max(0.25 * mean)
+/// a − b of two rows with ascending columns.
+pub(super) fn difference(a: &Row, b: &Row) -> Row {
+    let mut differences: BTreeMap<u32, f64> = a.iter().copied().collect();
+    for &(column, factor) in b {
+        *differences.entry(column).or_default() -= factor;
+    }
+    differences.into_iter().collect()
+}
+
+/// w |a|² + (1 − w) a·b, of which |Σ w a|² is the mean.
+pub(super) fn of_patch(weight: f64, a: &Row, b: &Row) -> f64 {
+    let square: f64 = a.iter().map(|(_, value)| value * value).sum();
+    weight * square + (1.0 - weight) * product(a, b)
+}
+
+/// The mean of |F_I|² from a value each pair, less 1.5 standard errors, but no less than a quarter of the mean.
+pub(super) fn mean_norm(values: &[f64]) -> f64 {
+    let (mean, error) = mean_and_error(values);
+    (mean - super::SURE * error).max(0.25 * mean)
+}
+
+/// The mean, and its standard error.
+pub(super) fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
+    (mean, variance.sqrt())
 }
 
 #[cfg(test)]
@@ -119,14 +138,16 @@ mod tests {
         let mut counts = vec![0; grouping.len()];
         for (row, twin) in draw.rows.iter().zip(&draw.twins) {
             assert_eq!(grouping.patch_of(*row), grouping.patch_of(*twin));
+            assert_ne!(row, twin);
             counts[grouping.patch_of(*row).0 as usize] += 1;
         }
         assert!(counts.iter().all(|count| (28..=29).contains(count)), "{counts:?}");
+        assert!(draw.weights.iter().all(|weight| (0.0..1.0).contains(weight)));
         // Fewer draws than patches: some of them, all over the order of work.
         let faces = Grouping::new(&scene, &patches, PatchKind::Face).unwrap();
         let draw = Draw::new(&faces, &patches, &emitters, 5, 1);
         assert_eq!(draw.rows.len(), 5);
-        assert!(draw.rows[4].0 > patches.len() as u32 / 2);
+        assert!(2 * draw.rows[4].0 as usize > patches.len());
     }
 
     #[test]
@@ -142,5 +163,32 @@ mod tests {
         assert_eq!(mean_norm(&[2.0, 2.0, 2.0]), 2.0);
         assert!(mean_norm(&[0.0, 8.0]) < 4.0 && mean_norm(&[0.0, 8.0]) >= 1.0);
         assert_eq!(mean_norm(&[]), 0.0);
+        assert_eq!(
+            difference(&row, &vec![(1, 0.2), (9, 1.0)]),
+            vec![(0, 0.1), (1, 0.0), (4, 0.3), (9, -1.0)]
+        );
+    }
+
+    /// Over all pairs of three elements, the mean is the square of the weighted sum.
+    #[test]
+    fn pairs_tell_the_square_of_the_sum() {
+        let weights = [0.5, 0.3, 0.2];
+        let errors: [Row; 3] = [vec![(0, 0.2), (1, -0.1)], vec![(0, 0.1), (2, 0.3)], vec![(1, 0.4)]];
+        let mut mean = 0.0;
+        for (i, a) in errors.iter().enumerate() {
+            for (k, b) in errors.iter().enumerate().filter(|(k, _)| *k != i) {
+                mean += weights[i] * weights[k] / (1.0 - weights[i]) * of_patch(weights[i], a, b);
+            }
+        }
+        let sum = |column: u32| -> f64 {
+            let of = |row: &Row| {
+                row.iter()
+                    .find(|(found, _)| *found == column)
+                    .map_or(0.0, |(_, value)| *value)
+            };
+            errors.iter().zip(weights).map(|(row, weight)| weight * of(row)).sum()
+        };
+        let square: f64 = (0..3).map(|column| sum(column).powi(2)).sum();
+        assert!((mean / square - 1.0).abs() < 1e-12, "{mean} {square}");
     }
 }
