@@ -232,7 +232,7 @@ pub(crate) struct Report {
     pub(crate) no_timings: bool,
 }
 
-/// A stored matrix to solve with, and the report: `solve`, `exchange`.
+/// A stored matrix to solve with: `solve`, `exchange`.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StoredMatrix {
     /// The matrix
@@ -244,8 +244,6 @@ pub(crate) struct StoredMatrix {
     /// Replace files that are there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    #[command(flatten)]
-    pub(crate) report: Report,
 }
 
 /// Selection of rows and columns.

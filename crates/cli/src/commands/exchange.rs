@@ -2,7 +2,7 @@
 
 mod files;
 
-use crate::args::{StoredMatrix, Talk};
+use crate::args::{Report as ReportArguments, StoredMatrix, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials;
@@ -53,6 +53,8 @@ pub(crate) struct Arguments {
     /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
 }
 
 impl Arguments {
@@ -62,7 +64,7 @@ impl Arguments {
             .store([&self.matrix.store])
             .reads(&self.materials)
             .writes("-o", &self.output, self.matrix.overwrite)
-            .reports(&self.matrix.report)
+            .reports(&self.report)
     }
 }
 
@@ -109,7 +111,7 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.matrix.report)?;
+    let json = JsonReport::open(&arguments.report)?;
     for output in &arguments.output {
         Format::of(output)?;
     }

@@ -3,7 +3,7 @@
 mod heat;
 mod surfaces;
 
-use crate::args::{EngineSettings, StoredMatrix, Talk};
+use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials;
@@ -170,6 +170,8 @@ pub(crate) struct Arguments {
     pub(crate) show: Option<Shown>,
     #[command(flatten)]
     pub(crate) camera: Camera,
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
 }
 
 impl Arguments {
@@ -185,7 +187,7 @@ impl Arguments {
             .writes("-o", &self.output, self.matrix.overwrite)
             .writes("--surfaces", &self.surfaces, self.matrix.overwrite)
             .writes("--picture", &self.picture, self.matrix.overwrite)
-            .reports(&self.matrix.report)
+            .reports(&self.report)
     }
 }
 
@@ -312,7 +314,7 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.matrix.report)?;
+    let json = JsonReport::open(&arguments.report)?;
     for output in &arguments.output {
         OutputFormat::of(output)?;
     }
@@ -371,7 +373,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ));
     }
     if let Some(json) = json {
-        let timings = !arguments.matrix.report.no_timings;
+        let timings = !arguments.report.no_timings;
         json.write(&Report {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),

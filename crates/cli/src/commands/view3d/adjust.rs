@@ -188,7 +188,7 @@ mod tests {
         planes.add(0, 1, 2.0);
         planes.add(1, 0, 2.0);
         planes.reflect(&[0.5, 0.8]).expect("a solution");
-        let (_, factor) = planes.factors(0)[0];
+        let (_, factor) = planes.factors(0)[1];
         assert!((factor - 1.0 / (2.0 + 1.25 - 1.0)).abs() < 1e-9, "{factor}");
         assert!(Exchange::new(SURFACES_MAX + 1).reflect(&[]).is_err());
     }
