@@ -90,7 +90,13 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         arguments.render.resolution,
         arguments.seed,
     )?;
-    let mut forecast = forecast(&prepared.model, &arguments.render, arguments.seed, preparing, backend.as_mut())?;
+    let mut forecast = forecast(
+        &prepared.model,
+        &arguments.render,
+        arguments.seed,
+        preparing,
+        backend.as_mut(),
+    )?;
     // In vast scenes, reading and cutting them takes more than the rows do.
     forecast.memory_bytes = forecast.memory_bytes.max(reading);
     if arguments.report.no_timings {
