@@ -85,10 +85,10 @@ fn a_compact_matrix_is_the_plain_one_rounded_whatever_the_threads() {
     );
 
     let (plain, compact) = (rows(&place, "plain"), rows(&place, "one"));
-    let rounded: BTreeMap<_, Vec<(u32, u32)>> = plain
+    let rounded: BTreeMap<_, Vec<(u32, u64)>> = plain
         .iter()
         .map(|(&patch, row)| {
-            let round = |bits: u32| Form::Compact.round(f32::from_bits(bits)).to_bits();
+            let round = |bits: u64| Form::Compact.round(f64::from_bits(bits)).to_bits();
             (patch, row.iter().map(|&(column, bits)| (column, round(bits))).collect())
         })
         .collect();

@@ -4,12 +4,14 @@
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
 use glam::DVec3;
+use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::frame::Horizon;
-use hemicube::points::{Body, Sensor};
+use hemicube::points::{Body, PointOptions, Sensor, rows_of_sensors};
 use hemicube::reference::PointReference;
+use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::{Axis, Subdivision};
 use hemicube_tests::runs::{Place, Ran};
-use hemicube_tests::scenes::{read, scenes_or_skip};
+use hemicube_tests::scenes::{read, say, scenes_or_skip};
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -568,6 +570,62 @@ fn a_mean_radiant_temperature_is_the_fourth_root_of_what_the_walls_send() {
 }
 
 #[test]
+fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
+    let place = Place::new();
+    place.write("room.obj", room([5.0, 4.0, 3.0], &[]));
+    place.write("tub.obj", room([5.0, 4.0, 3.0], &["ceiling"]));
+    place.write("seat.txt", "1.2 3.3 1.1\n");
+    place.write("t.csv", "name,temperature\nfloor,30 °C\n*,290\n");
+    let line = "room.obj --points seat.txt --up z --as sphere --tolerance 0.1%";
+    let found = rows(&place, &format!("{line} --temperatures t.csv"));
+    let floor = number(&found[0]["view_factors"]["floor"]);
+    let expected = (floor * 303.15_f64.powi(4) + (1.0 - floor) * 290.0_f64.powi(4))
+        .sqrt()
+        .sqrt();
+    let mrt = number(&found[0]["mean_radiant_temperature"]);
+    assert!((mrt - expected).abs() < 1e-3, "{mrt} {expected}");
+    // A solution of black surfaces at these temperatures says the same, by triangle or by object.
+    place.write(
+        "black.toml",
+        "[default]\nemissivity = 1.0\ntemperature = 290\n[object.floor]\ntemperature = \"30 °C\"\n",
+    );
+    for kind in ["triangle", "object"] {
+        place
+            .line(&format!("compute room.obj -o {kind} --patches {kind} -q"))
+            .is(0);
+        place
+            .line(&format!("solve {kind} --thermal --materials black.toml -q"))
+            .is(0);
+        let found = rows(&place, &format!("{line} --solution {kind}"));
+        let mrt = number(&found[0]["mean_radiant_temperature"]);
+        assert!((mrt - expected).abs() < 0.01, "{kind}: {mrt} {expected}");
+    }
+    // What the sky is like has to be said where it is seen.
+    says(
+        &place,
+        "tub.obj --points seat.txt --up z --temperatures t.csv",
+        &["`--sky-temperature KELVIN`"],
+    );
+    let found = rows(
+        &place,
+        "tub.obj --points seat.txt --up z --temperatures t.csv --sky-temperature 250",
+    );
+    assert!(number(&found[0]["mean_radiant_temperature"]) < mrt);
+    place.write("some.csv", "floor,300\n");
+    says(
+        &place,
+        "room.obj --points seat.txt --up z --temperatures some.csv",
+        &["no temperature for the object", "`*,KELVIN`"],
+    );
+    place.write("wrong.csv", "flor,300\n*,290\n");
+    says(
+        &place,
+        "room.obj --points seat.txt --up z --temperatures wrong.csv",
+        &["`flor`", "no object and no material"],
+    );
+}
+
+#[test]
 fn one_point_of_a_city_is_a_small_file_and_within_the_tolerance_by_rays() {
     let Some(folder) = scenes_or_skip("points") else {
         return;
@@ -589,6 +647,83 @@ fn one_point_of_a_city_is_a_small_file_and_within_the_tolerance_by_rays() {
     let report = ran.is(0).json();
     let of = |key: &str| number(&report["verified"][key]);
     assert!(of("error") <= 0.01 + of("noise"), "{report}");
+    let bytes = |name: &str| std::fs::metadata(place.path(name)).expect("a file").len();
+    assert!(bytes("one.npz") < 1_000_000 && bytes("one.csv") < 1_000_000);
+}
+
+/// Processor time of this process, threads that have ended included, in seconds, by Linux, to a hundredth.
+fn processor_time() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").expect("Linux tells a process's time");
+    // The name, in brackets, may hold anything.
+    let mut fields = stat
+        .rsplit_once(')')
+        .expect("a name")
+        .1
+        .split_ascii_whitespace()
+        .skip(11);
+    let mut ticks = || {
+        fields
+            .next()
+            .and_then(|ticks| ticks.parse::<f64>().ok())
+            .expect("ticks")
+    };
+    (ticks() + ticks()) / 100.0
+}
+
+/// Loading is all up to the model: reading the file and repairing it, octree and order of work. After it comes what a run
+/// of one point takes: the backend opened and the scene loaded into it, the point's hemicubes, its row.
+#[test]
+#[ignore = "a measurement of processor time, for a machine without other work: ./test --full"]
+fn one_point_of_a_city_of_20_000_patches_takes_a_tenth_of_a_second_after_loading() {
+    const TIMES: u32 = 20;
+    let place = Place::new();
+    place.line("generate city --patches 20000 --seed 3 -o city.obj").is(0);
+    let before = processor_time();
+    let scene = hemicube_scene::load(&place.path("city.obj"), Default::default()).expect("a city");
+    let corners = scene.triangles.iter().flat_map(|triangle| triangle.corners);
+    let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), corner| {
+        (low.min(corner), high.max(corner))
+    });
+    let model = hemicube_tests::scenes::model(scene, Subdivision::None);
+    let loading = processor_time() - before;
+    assert!(model.patches().len() >= 20_000);
+    let position = DVec3::new(0.5 * (low.x + high.x), 0.5 * (low.y + high.y), low.z + 1.5);
+    for (body, tolerance) in [(Body::Sphere, None), (Body::Person, None), (Body::Sphere, Some(0.01))] {
+        let options = PointOptions {
+            render: RenderSettings {
+                resolution: 256,
+                culling: Culling::On,
+                covered: false,
+            },
+            tolerance,
+            threads: 1,
+        };
+        let before = processor_time();
+        for _ in 0..TIMES {
+            let resolutions = options.resolutions();
+            let sessions: Vec<Box<dyn HemicubeBackend>> = resolutions.iter().map(|_| Box::new(CpuBackend::new()) as _).collect();
+            let sensors = [Sensor { position, body }];
+            let rows = rows_of_sensors(
+                &model,
+                &sensors,
+                Horizon::new(Axis::Z, 0.0),
+                options,
+                sessions,
+                &|_, row| row,
+                &mut |_| true,
+            );
+            let rows = rows.expect("rows").expect("not told to stop");
+            assert!(!rows[0].patches.is_empty() && (rows[0].sum() - 1.0).abs() < 1e-9);
+        }
+        let each = (processor_time() - before) / f64::from(TIMES);
+        say(&format!("{body:?}, {tolerance:?}: {each:.3} s; loading {loading:.2} s"));
+        assert!(each <= 0.1 || tolerance.is_some(), "{body:?}: {each} s");
+    }
+    // The same by the program: at most 1 MB, with a column for each patch.
+    place.write("point.txt", format!("{} {} {}\n", position.x, position.y, position.z));
+    place
+        .line("points city.obj --up z --points point.txt --as sphere -o one.npz -o one.csv -q")
+        .is(0);
     let bytes = |name: &str| std::fs::metadata(place.path(name)).expect("a file").len();
     assert!(bytes("one.npz") < 1_000_000 && bytes("one.csv") < 1_000_000);
 }

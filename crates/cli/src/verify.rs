@@ -1,18 +1,21 @@
 //! Error of computed rows against reference rows by rays, and the verdict on a tolerance.
 
-use crate::args::{Talk, Tolerance};
+use crate::args::{EngineSettings, Talk, Tolerance};
 use crate::exit::{self, Exit};
 use crate::level::percentage;
 use crate::progress::Bar;
 use crate::report::{Listing, count, counted, figures, percent};
 use anyhow::{Context, Result};
-use hemicube::driver::compute::{Groups, Plan, Progress, RowChoice, Selection};
+use hemicube::backend::{Culling, RenderSettings};
+use hemicube::driver::compute::{Execution, Groups, Plan, Progress, RowChoice, Selection, compute};
 use hemicube::reference::{
-    EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, rows_of_patches,
+    EstimatedRow, Interval, Measured, Reference, ReferenceRow, ReferenceSettings, draw_elements, errors_against,
+    row_of_sample, rows_of_patches,
 };
-use hemicube::store::{RowTable, Store};
-use hemicube::{InputPatch, Model};
+use hemicube::store::{Part, RowTable, Store};
+use hemicube::{Grouping, InputPatch, Model};
 use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 
@@ -81,11 +84,13 @@ pub(crate) fn reference_rows(
     Ok(rows.into_iter().flatten().collect())
 }
 
-/// Settings of a reference for the drawn rows. The errors of n elements average out in the row of their patch: each may
-/// be √n times as large.
-fn settings_of(verify: Verify<'_>, drawn: &Plan) -> ReferenceSettings {
+/// Most elements of a patch with a reference row; of patches with more, so many are drawn.
+const MOST_ELEMENTS: usize = 32;
+
+/// Settings of a reference for the drawn rows, of `elements` elements a patch. The errors of n elements average out in the
+/// row of their patch: each may be √n times as large.
+fn settings_of(verify: Verify<'_>, elements: f64) -> ReferenceSettings {
     let settings = reference_settings(verify.tolerance, verify.seed);
-    let elements = drawn.rows.len() as f64 / drawn.row_count().max(1) as f64;
     ReferenceSettings {
         target: (settings.target * elements.max(1.0).sqrt()).min(settings.target.max(MOST_OF_ELEMENT)),
         ..settings
@@ -199,6 +204,71 @@ pub(crate) struct Verify<'a> {
     pub(crate) tolerance: Option<Tolerance>,
     pub(crate) threads: usize,
     pub(crate) cancel: &'a AtomicBool,
+    /// Computes the rows of elements again, where a patch has too many to trace each.
+    pub(crate) engine: &'a EngineSettings,
+}
+
+/// Elements drawn from the patches that have too many.
+struct Samples<'a> {
+    grouping: &'a Grouping,
+    /// By patch, several of one element included.
+    drawn: BTreeMap<u32, Vec<InputPatch>>,
+}
+
+impl<'a> Samples<'a> {
+    /// Takes from `rows` those of patches with too many, and leaves the elements drawn. Seeded.
+    fn draw(rows: &mut Vec<InputPatch>, grouping: &'a Grouping, model: &Model, seed: u64) -> Self {
+        let mut of_patch: BTreeMap<u32, Vec<InputPatch>> = BTreeMap::new();
+        for &element in rows.iter() {
+            of_patch.entry(grouping.patch_of(element).0).or_default().push(element);
+        }
+        of_patch.retain(|_, elements| elements.len() > MOST_ELEMENTS);
+        for elements in of_patch.values_mut() {
+            let area = |element| model.patches().area(element);
+            *elements = draw_elements(elements, MOST_ELEMENTS, area, seed);
+        }
+        let wanted: BTreeSet<InputPatch> = of_patch.values().flatten().copied().collect();
+        rows.retain(|element| !of_patch.contains_key(&grouping.patch_of(*element).0) || wanted.contains(element));
+        Self {
+            grouping,
+            drawn: of_patch,
+        }
+    }
+
+    /// The elements drawn, each once, in the order of `rows`.
+    fn elements(&self, rows: &[InputPatch]) -> Vec<InputPatch> {
+        let is_drawn = |element: &&InputPatch| self.drawn.contains_key(&self.grouping.patch_of(**element).0);
+        rows.iter().filter(is_drawn).copied().collect()
+    }
+
+    /// Splits rows into those of patches drawn from, by element, and the others.
+    fn split(&self, rows: Vec<ReferenceRow>) -> (BTreeMap<u32, ReferenceRow>, Vec<ReferenceRow>) {
+        let (own, others): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| {
+            let patch = self.grouping.patch_of(InputPatch(row.emitter));
+            self.drawn.contains_key(&patch.0)
+        });
+        (own.into_iter().map(|row| (row.emitter, row)).collect(), others)
+    }
+
+    /// The reference rows of the patches drawn from, all of whose elements have come.
+    fn rows(
+        &self,
+        traced: &BTreeMap<u32, ReferenceRow>,
+        computed: &BTreeMap<u32, EstimatedRow>,
+        stored: impl Fn(InputPatch) -> Result<Option<EstimatedRow>>,
+    ) -> Result<Vec<ReferenceRow>> {
+        let mut found = Vec::new();
+        for (&patch, elements) in &self.drawn {
+            let pairs = elements.iter().map(|element| {
+                let pair = (computed.get(&element.0)?.clone(), traced.get(&element.0)?.clone());
+                Some(pair)
+            });
+            if let (Some(pairs), Some(stored)) = (pairs.collect::<Option<Vec<_>>>(), stored(InputPatch(patch))?) {
+                found.push(row_of_sample(&stored, &pairs, self.grouping));
+            }
+        }
+        Ok(found)
+    }
 }
 
 /// Verdict on a tolerance, within the confidence that the rows and the reference allow.
@@ -253,6 +323,30 @@ pub(crate) struct Verification {
     interrupted: bool,
     measured: Measured,
     closure: Closure,
+    /// Only of patches that are several triangles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elements: Option<Elements>,
+}
+
+/// Triangles traced for rows of patches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Elements {
+    /// Reference rows of triangles.
+    rows: u64,
+    /// Patches of which some triangles were drawn.
+    patches: u64,
+    /// So many of each.
+    most: u64,
+}
+
+/// A row of the store.
+fn of_store(store: &Store, patch: InputPatch) -> Result<Option<EstimatedRow>> {
+    let stored = store.row(patch)?;
+    Ok(stored.map(|stored| EstimatedRow {
+        emitter: patch,
+        columns: stored.indices,
+        values: stored.data.into_iter().map(f64::from).collect(),
+    }))
 }
 
 impl Verify<'_> {
@@ -277,14 +371,16 @@ impl Verify<'_> {
         };
         let grouping = plan.groups.as_ref().map(|groups| Arc::clone(&groups.grouping));
         let drawn = Plan::grouped(model, choice, among, 1, plan.rotate, grouping);
-        let settings = settings_of(self, &drawn);
-        let (groups, drawn) = (drawn.groups, drawn.rows);
+        let groups = drawn.groups.as_ref();
+        let mut drawn_rows = drawn.rows.clone();
+        let samples = groups.map(|groups| Samples::draw(&mut drawn_rows, &groups.grouping, model, self.seed));
+        let settings = settings_of(self, drawn_rows.len() as f64 / drawn.row_count().max(1) as f64);
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
         // An interrupt ends the reference after the rows in progress; their errors are reported.
         let guard = exit::InterruptGuard::new();
-        let bar = Bar::rows(talk, drawn.len() as u64, 0);
-        let row_count = drawn.len() as u64;
-        let mut rows = reference_rows(&reference, &drawn, self.threads, self.cancel, &mut |done| {
+        let bar = Bar::rows(talk, drawn_rows.len() as u64, 0);
+        let row_count = drawn_rows.len() as u64;
+        let mut rows = reference_rows(&reference, &drawn_rows, self.threads, self.cancel, &mut |done| {
             bar.show(Progress {
                 rows: done,
                 row_count,
@@ -292,40 +388,90 @@ impl Verify<'_> {
             });
         })?;
         drop(bar);
-        drop(guard);
-        let all = rows.len() == drawn.len();
-        if let Some(groups) = &groups {
-            keep_whole(&mut rows, groups, &drawn);
+        let all = rows.len() == drawn_rows.len();
+        if let Some(groups) = groups {
+            keep_whole(&mut rows, groups, &drawn_rows);
         }
-        let of_patches = |rows: &[ReferenceRow]| match &groups {
-            Some(groups) => rows_of_patches(rows, &groups.grouping, |element| model.patches().area(element)),
-            None => rows.to_vec(),
+        let again = samples.as_ref().map(|samples| samples.elements(&drawn_rows));
+        let computed = again
+            .map(|again| self.computed(again, model, plan, store))
+            .transpose()?;
+        drop(guard);
+        let stored = |patch| of_store(store, patch);
+        let of_patches = |rows: Vec<ReferenceRow>| -> Result<Vec<ReferenceRow>> {
+            let (Some(groups), Some(samples), Some(computed)) = (groups, &samples, &computed) else {
+                return Ok(rows);
+            };
+            let (traced, others) = samples.split(rows);
+            let mut found = rows_of_patches(&others, &groups.grouping, |element| model.patches().area(element));
+            found.extend(samples.rows(&traced, computed, stored)?);
+            Ok(found)
         };
-        let with_all_columns = of_patches(&rows);
+        let with_all_columns = of_patches(rows.clone())?;
         let mut estimated = Vec::with_capacity(with_all_columns.len());
         for row in &with_all_columns {
-            let emitter = InputPatch(row.emitter);
-            if let Some(stored) = store.row(emitter)? {
-                estimated.push(EstimatedRow {
-                    emitter,
-                    columns: stored.indices,
-                    values: stored.data.into_f64(),
-                });
-            }
+            estimated.extend(stored(InputPatch(row.emitter))?);
         }
         let closure = Closure::of(&with_all_columns, &estimated, &store.row_table()?, self.tolerance);
         let judged = match &plan.selection.receivers {
             Some(receivers) => {
                 keep_receivers(&mut rows, receivers);
-                of_patches(&rows)
+                of_patches(rows)?
             }
             None => with_all_columns,
         };
         Ok(Verification {
             interrupted: !all,
             closure,
+            elements: samples.map(|samples| Elements {
+                rows: row_count,
+                patches: samples.drawn.len() as u64,
+                most: MOST_ELEMENTS as u64,
+            }),
             ..self.judge(&judged, &estimated, plan.row_count() as u64, settings.target)
         })
+    }
+
+    /// Computes the rows of elements as for the store, by their numbers.
+    fn computed(
+        self,
+        elements: Vec<InputPatch>,
+        model: &Model,
+        plan: &Plan,
+        store: &Store,
+    ) -> Result<BTreeMap<u32, EstimatedRow>> {
+        if elements.is_empty() {
+            return Ok(BTreeMap::new());
+        }
+        let mut emitters = vec![false; model.patches().len()];
+        for element in &elements {
+            if let Some(mark) = emitters.get_mut(element.0 as usize) {
+                *mark = true;
+            }
+        }
+        let selection = Selection {
+            emitters: Some(emitters),
+            receivers: plan.selection.receivers.clone(),
+        };
+        let rows = Plan::new(model, RowChoice::All, selection, plan.samples_per_edge, plan.rotate)
+            .with_correction(plan.correction.clone());
+        let resolution = store.manifest().settings["resolution"].as_u64();
+        let render = RenderSettings {
+            resolution: resolution
+                .and_then(|n| u32::try_from(n).ok())
+                .context("the store does not say its resolution")?,
+            culling: Culling::On,
+            covered: false,
+        };
+        let execution = Execution {
+            threads: self.threads,
+            batch: 0,
+            cancel: None,
+        };
+        let (backend, mut parts) = (self.engine.open_backend(Talk::SILENT)?, Vec::<Part>::new());
+        compute(model, &rows, render, backend, execution, &mut parts, &mut |_| {})?;
+        let rows = parts.iter().flat_map(EstimatedRow::of_part);
+        Ok(rows.map(|row| (row.emitter.0, row)).collect())
     }
 
     /// Holds rows against their references, out of `rows_computed`.
@@ -349,6 +495,7 @@ impl Verify<'_> {
             interrupted: false,
             measured,
             closure: Closure::default(),
+            elements: None,
         }
     }
 }
@@ -424,6 +571,24 @@ impl Verification {
         list.add("verified", format!("{rows} against rays{interrupted}"));
         if self.rows == 0 {
             return list.text();
+        }
+        if let Some(elements) = self.elements {
+            let drawn = if elements.patches > 0 {
+                format!(
+                    ": {} drawn of each of {}, and the rest in full; intervals and noise hold what the draw leaves open",
+                    elements.most,
+                    counted(elements.patches, "large patch")
+                )
+            } else {
+                String::new()
+            };
+            list.add(
+                "",
+                format!(
+                    "by {} of triangles{drawn}",
+                    counted(elements.rows, "row").replace("row", "reference row")
+                ),
+            );
         }
         let range = |interval: Interval| format!("{} to {}", percent(interval.low), percent(interval.high));
         list.add(
@@ -549,6 +714,7 @@ mod tests {
                 tolerance: tolerance.map(Tolerance),
                 threads: 1,
                 cancel: &AtomicBool::new(false),
+                engine: &EngineSettings::default(),
             }
             .judge(
                 std::slice::from_ref(&reference),

@@ -59,23 +59,24 @@ fn npy_is_the_matrix() {
         .dense()
         .into_iter()
         .flat_map(|row| row.unwrap_or(vec![0.0; 83]))
+        .map(|factor| factor as f32)
         .collect();
     assert_eq!(found, wanted);
 }
 
 /// The matrix that `row column value` lines say, and how many there are.
-fn from_lines<'a>(lines: impl Iterator<Item = &'a str>) -> (Vec<Vec<f32>>, usize) {
+fn from_lines<'a>(lines: impl Iterator<Item = &'a str>) -> (Vec<Vec<f64>>, usize) {
     let (mut matrix, mut count) = (vec![vec![0.0; 83]; 83], 0);
     for line in lines {
         let words: Vec<&str> = line.split(' ').collect();
         let place = |word: &str| word.parse::<usize>().unwrap() - 1;
-        matrix[place(words[0])][place(words[1])] = words[2].parse::<f32>().unwrap();
+        matrix[place(words[0])][place(words[1])] = words[2].parse::<f32>().unwrap().into();
         count += 1;
     }
     (matrix, count)
 }
 
-fn wanted(sample: &Sample) -> Vec<Vec<f32>> {
+fn wanted(sample: &Sample) -> Vec<Vec<f64>> {
     sample
         .dense()
         .into_iter()

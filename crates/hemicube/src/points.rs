@@ -276,7 +276,8 @@ impl SensorRow {
             + self.sky * sky.powi(4)
             + self.ground * ground.powi(4)
             + self.blocked * backs.powi(4);
-        fourth.max(0.0).sqrt().sqrt()
+        // NaN must show.
+        if fourth < 0.0 { 0.0 } else { fourth.sqrt().sqrt() }
     }
 }
 

@@ -32,13 +32,16 @@
 //! No second hemicube for each mirror, because a ray through a pixel costs what a pixel costs to draw, works with
 //! every backend, and goes on to the third mirror without a mask.
 
+mod aim;
 pub mod extend;
 mod gather;
 pub mod images;
 mod motion;
 mod pairs;
+mod pass;
 pub mod specular;
 mod trace;
+mod window;
 
 pub use images::{ImageError, ImageSettings, Images, Period, Sector, Symmetry};
 pub use specular::{Optics, Specular};

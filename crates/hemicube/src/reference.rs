@@ -34,7 +34,7 @@ mod random;
 mod sensors;
 mod visibility;
 
-pub use aggregate::rows_of_patches;
+pub use aggregate::{draw_elements, row_of_sample, rows_of_patches};
 pub use measure::{EstimatedRow, Interval, Measured, errors_against};
 pub use sensors::{PointReference, PointReferenceRow};
 

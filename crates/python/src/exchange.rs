@@ -98,6 +98,40 @@ impl Exchange {
     }
 
     /// Number of surfaces.
+    /// A `pandas.DataFrame` from surfaces to surfaces and `(surroundings)`, by their names: of `what`, 'gebhart',
+    /// 'exchange_areas' or 'conductances', and of a `band` where there are several. Needs pandas.
+    #[pyo3(signature = (what="gebhart", *, band=None))]
+    fn to_pandas<'py>(&self, py: Python<'py>, what: &str, band: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
+        let data = match what {
+            "gebhart" => self.gebhart(py)?,
+            "exchange_areas" => self.exchange_areas(py)?,
+            "conductances" => self.conductances(py)?,
+            other => {
+                return Err(errors::input(format!(
+                    "`what` is `{other}`; gebhart, exchange_areas or conductances is needed"
+                )));
+            }
+        };
+        let place = match band {
+            Some(name) => self.bands.iter().position(|band| band == name),
+            None => (self.factors.gebhart.len() == 1).then_some(0),
+        };
+        let Some(place) = place else {
+            return Err(errors::input(format!(
+                "`band` is needed, one of {}",
+                self.bands.join(", ")
+            )));
+        };
+        let data = if self.factors.gebhart.len() == 1 {
+            data
+        } else {
+            data.get_item(place)?
+        };
+        let mut columns = self.names();
+        columns.push("(surroundings)".to_owned());
+        crate::pandas::frame(py, &data, Some(&self.names()), Some(&columns))
+    }
+
     fn __len__(&self) -> usize {
         self.network.len()
     }

@@ -3,14 +3,15 @@
 use crate::errors;
 use crate::matrix::{Matrix, stored};
 use crate::numbers;
+use crate::pandas;
 use crate::scene::Scene;
 use hemicube::Grouping;
 use hemicube::analysis::zones::{GroupBy, Zone, zones};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{Store, scene_hash};
 use hemicube_export::{
-    Colors, ExportFormat, ExportOptions, PatchFormat, PatchResults, WriteOptions, export as export_matrix,
-    write_patches,
+    Colors, ExportFormat, ExportOptions, Grouping as RowsBy, PatchFormat, PatchResults, SolverFormat, SolverOptions,
+    WriteOptions, export as export_matrix, export_for, write_patches,
 };
 use hemicube_scene::Axis;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -46,6 +47,7 @@ pub(crate) fn values(given: &Bound<'_, PyDict>, patches: usize) -> PyResult<Name
 fn failed(error: &hemicube_export::Error) -> PyErr {
     match error {
         hemicube_export::Error::Store(error) => errors::store(error),
+        hemicube_export::Error::Unfit { next, .. } => errors::input(format!("{error}; {next}")),
         error => errors::input(error.to_string()),
     }
 }
@@ -84,6 +86,95 @@ pub(crate) fn export(py: Python<'_>, matrix: &Matrix, path: &Path, asked: Asked<
         )));
     }
     matrix.with_store(py, beside, |store, cancel| asked.write(store, path, format, cancel))
+}
+
+/// The keywords of `Matrix.export` that are for solvers.
+pub(crate) struct ForSolver<'a> {
+    pub(crate) by: Option<&'a str>,
+    pub(crate) order: Option<Vec<String>>,
+    pub(crate) zone: Option<&'a str>,
+    pub(crate) program_version: Option<&'a str>,
+}
+
+impl ForSolver<'_> {
+    /// Refuses them without a solver.
+    pub(crate) fn require_none(&self) -> PyResult<()> {
+        let given = [
+            ("by", self.by.is_some()),
+            ("order", self.order.is_some()),
+            ("zone", self.zone.is_some()),
+            ("program_version", self.program_version.is_some()),
+        ];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((name, _)) => Err(errors::input(format!(
+                "`{name}` has no meaning without a solver; `format=` names one"
+            ))),
+        }
+    }
+
+    /// What the rows of the file are.
+    fn rows(&self) -> PyResult<Option<RowsBy>> {
+        Ok(match self.by {
+            None => None,
+            Some("patch") => Some(RowsBy::Patch),
+            Some("face") => Some(RowsBy::By(GroupBy::Face)),
+            Some("object") => Some(RowsBy::By(GroupBy::Object)),
+            Some("material") => Some(RowsBy::By(GroupBy::Material)),
+            Some(other) => {
+                return Err(errors::input(format!(
+                    "`by` is `{other}`; patch, face, object or material is needed"
+                )));
+            }
+        })
+    }
+}
+
+/// Writes a matrix in a solver's files. Returns their size together.
+pub(crate) fn export_for_solver(
+    py: Python<'_>,
+    matrix: &Matrix,
+    path: &Path,
+    solver: &str,
+    given: &ForSolver<'_>,
+    asked: &Asked<'_>,
+) -> PyResult<u64> {
+    let Some(format) = SolverFormat::named_as(solver) else {
+        let names: Vec<&str> = SolverFormat::ALL.iter().map(|format| format.label()).collect();
+        return Err(errors::input(format!(
+            "`format` is `{solver}`; one of {} is needed",
+            names.join(", ")
+        )));
+    };
+    asked.require_matrix(path)?;
+    for (name, is_given, wanted) in [
+        ("zone", given.zone.is_some(), format == SolverFormat::EnergyPlus),
+        (
+            "program_version",
+            given.program_version.is_some(),
+            matches!(format, SolverFormat::EnergyPlus | SolverFormat::Calculix),
+        ),
+    ] {
+        if is_given && !wanted {
+            return Err(errors::input(format!(
+                "`{name}` has no meaning for {}",
+                format.program()
+            )));
+        }
+    }
+    let (rows, overwrite) = (given.rows()?, asked.overwrite);
+    let beside = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    matrix.with_store(py, Some(beside.unwrap_or(Path::new("."))), |store, cancel| {
+        let options = SolverOptions {
+            grouping: rows,
+            order: given.order.as_deref(),
+            zone: given.zone,
+            version: given.program_version,
+            write: WriteOptions { overwrite, cancel },
+        };
+        let report = export_for(store, path, format, &options).map_err(|error| failed(&error))?;
+        Ok(report.files.iter().map(|file| file.bytes).sum())
+    })
 }
 
 impl Asked<'_> {
@@ -258,6 +349,12 @@ impl Zones {
             }
         }
         PyArray1::from_vec(py, flat).reshape([count, count])
+    }
+
+    /// A `pandas.DataFrame` of the form factors, from rows to columns, by the zones' names. Needs pandas.
+    fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let names = self.names();
+        pandas::frame(py, self.factors(py)?.as_any(), Some(&names), Some(&names))
     }
 
     /// Number of zones.

@@ -222,7 +222,7 @@ pub(crate) fn group(by: &str) -> PyResult<GroupBy> {
 }
 
 /// Heat by surface, a number each, in the order of `names`. `heats["floor"]` is the net heat of a surface in W, and
-/// `to_dict()` has all columns, as for `pandas.DataFrame`.
+/// `to_dict()` has all columns, `to_pandas()` a data frame of them.
 #[pyclass(frozen, module = "hemicube")]
 #[derive(Debug)]
 pub(crate) struct HeatBySurface {
@@ -324,6 +324,12 @@ impl HeatBySurface {
         dict.set_item("radiosity", self.radiosity(py))?;
         dict.set_item("irradiance", self.irradiance(py))?;
         Ok(dict)
+    }
+
+    /// A `pandas.DataFrame` of `to_dict()`, by the surfaces' names. Needs pandas.
+    fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let frame = crate::pandas::frame(py, self.to_dict(py)?.as_any(), None, None)?;
+        frame.call_method1("set_index", ("name",))
     }
 
     /// Number of surfaces.

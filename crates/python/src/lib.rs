@@ -19,6 +19,7 @@ mod heat;
 mod keywords;
 mod matrix;
 mod numbers;
+mod pandas;
 mod pickle;
 mod points;
 mod scene;

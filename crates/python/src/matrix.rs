@@ -1,7 +1,7 @@
 //! `hemicube.Matrix`: a form-factor matrix in memory or in a store.
 
 use crate::attended::{Attendant, attended};
-use crate::export::{self, Asked, Zones};
+use crate::export::{self, Asked, ForSolver, Zones};
 use crate::scene::{Scene, axis};
 use crate::{errors, numbers, pickle};
 use hemicube::InputPatch;
@@ -816,7 +816,13 @@ impl Matrix {
     /// `values` are more results of the patches, by name: (n,) numbers each, such as radiosities. Formats with the
     /// shape of the patches need the `scene`; `.glb` and `.ply` are coloured by the result `show`, by default the last
     /// of `values`, or the number of patches in sight. `up` is for `.glb`, by default the scene's.
-    #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false))]
+    ///
+    /// `format` names a solver in place of the extension, as `hemicube export --for` does: 'calculix', 'elmer',
+    /// 'energyplus', 'openfoam', 'petsc', 'udales', 'view3d' or 'view3d-binary'. `by` ('patch', 'face', 'object', 'material';
+    /// by default as the solver counts) says what its rows are, `order` names all of them in the solver's order, `zone` is
+    /// EnergyPlus's, and `program_version` the solver's where its files tell it. The size is then of all files together.
+    #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false, format=None,
+                        by=None, order=None, zone=None, program_version=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn export(
         &self,
@@ -828,7 +834,18 @@ impl Matrix {
         show: Option<String>,
         up: Option<&str>,
         overwrite: bool,
+        format: Option<&str>,
+        by: Option<&str>,
+        order: Option<Vec<String>>,
+        zone: Option<&str>,
+        program_version: Option<&str>,
     ) -> PyResult<u64> {
+        let for_solver = ForSolver {
+            by,
+            order,
+            zone,
+            program_version,
+        };
         let asked = Asked {
             patches,
             scene: scene.map(|scene| scene.get()),
@@ -839,7 +856,29 @@ impl Matrix {
             up: up.map(axis).transpose()?,
             overwrite,
         };
-        export::export(py, self, &path, asked)
+        match format {
+            Some(solver) => export::export_for_solver(py, self, &path, solver, &for_solver, &asked),
+            None => {
+                for_solver.require_none()?;
+                export::export(py, self, &path, asked)
+            }
+        }
+    }
+
+    /// A `pandas.DataFrame` of all form factors, from rows to columns, by the names of the patches, or by their numbers where
+    /// they are triangles; rows that were not computed are NaN. Up to 10,000 patches. Needs pandas.
+    fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        crate::pandas::require_few(self.patch_count())?;
+        let names = self.names()?;
+        let dense = self.to_scipy(py)?.call_method0("toarray")?;
+        let computed = self.computed()?;
+        let mut missing = vec![true; self.patch_count()];
+        computed.iter().for_each(|&patch| missing[patch as usize] = false);
+        let rows: Vec<usize> = (0..missing.len()).filter(|&patch| missing[patch]).collect();
+        if !rows.is_empty() {
+            dense.set_item(rows, f64::NAN)?;
+        }
+        crate::pandas::frame(py, &dense, names.as_deref(), names.as_deref())
     }
 
     /// Form factors between zones: rows and columns added up by 'object', 'material' or 'face'.

@@ -75,6 +75,28 @@ impl Points {
         PyArray1::from_vec(py, sums).reshape([self.rows.len(), count])
     }
 
+    /// A `pandas.DataFrame` of a line a row: view factors to objects, or with `by='material'` to materials, by their names,
+    /// and `(sky)`, `(ground)`, `(blocked)`. Needs pandas.
+    #[pyo3(signature = (by="object"))]
+    fn to_pandas<'py>(&self, py: Python<'py>, by: &str) -> PyResult<Bound<'py, PyAny>> {
+        let zones = self.zones(py, by)?;
+        let input = &self.scene.get().input;
+        let names: Vec<String> = match by {
+            "object" => input.objects.clone(),
+            _ => input.materials.iter().map(|material| material.name.clone()).collect(),
+        };
+        let frame = crate::pandas::frame(py, zones.as_any(), None, Some(&names))?;
+        let columns: [(&str, fn(&SensorRow) -> f64); 3] = [
+            ("(sky)", |row| row.sky),
+            ("(ground)", |row| row.ground),
+            ("(blocked)", |row| row.blocked),
+        ];
+        for (name, of) in columns {
+            frame.set_item(name, PyArray1::from_vec(py, self.rows.iter().map(of).collect()))?;
+        }
+        Ok(frame)
+    }
+
     /// Mean radiant temperature of each row in kelvin, by the radiosity of each patch in W/m² (`solve_heat`'s) and the
     /// temperatures of sky, ground and backs in kelvin; `ground` and `backs` are the sky's where they are not given.
     #[pyo3(signature = (radiosity, *, sky, ground=None, backs=None))]

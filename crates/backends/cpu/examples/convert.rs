@@ -158,11 +158,11 @@ fn relative_frobenius(found: &[Part], exact: &[Part]) -> f64 {
         for row in 0..exact.rows.len() {
             let mut columns: BTreeMap<i32, (f64, f64)> = BTreeMap::new();
             let ((found_columns, found_values), (exact_columns, exact_values)) = (found.row(row), exact.row(row));
-            for (&column, &value) in found_columns.iter().zip(found_values) {
-                columns.entry(column).or_default().0 = f64::from(value);
+            for (&column, value) in found_columns.iter().zip(found_values) {
+                columns.entry(column).or_default().0 = value;
             }
-            for (&column, &value) in exact_columns.iter().zip(exact_values) {
-                columns.entry(column).or_default().1 = f64::from(value);
+            for (&column, value) in exact_columns.iter().zip(exact_values) {
+                columns.entry(column).or_default().1 = value;
             }
             for (found, exact) in columns.values() {
                 difference += (found - exact) * (found - exact);

@@ -513,6 +513,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
                 tolerance: arguments.render.tolerance,
                 threads,
                 cancel,
+                engine: &arguments.render.engine,
             };
             verify_rows(&verify, &prepared, &finished, &mut report, talk)?
         }

@@ -44,6 +44,7 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 #[command(group = clap::ArgGroup::new("where").required(true))]
+#[command(group = clap::ArgGroup::new("heat").args(["solution", "temperatures"]))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
@@ -82,11 +83,15 @@ pub(crate) struct Arguments {
         help_heading = "Heat"
     )]
     pub(crate) solution: Option<PathBuf>,
+    /// Mean radiant temperature by black surfaces at the temperatures of a table: a line `name,20 °C` or `name,293` for each
+    /// object or material, `*` for all others
+    #[arg(long, value_name = "FILE", help_heading = "Heat")]
+    pub(crate) temperatures: Option<PathBuf>,
     /// Temperature of the sky, in kelvin [default: what lay outside for the solution]
-    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "solution", help_heading = "Heat")]
+    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "heat", help_heading = "Heat")]
     pub(crate) sky_temperature: Option<f64>,
-    /// Temperature of what is below the horizon, in kelvin [default: what lay outside for the solution]
-    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "solution", help_heading = "Heat")]
+    /// Temperature of what is below the horizon, in kelvin [default: what lay outside for the solution, or the sky's]
+    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "heat", help_heading = "Heat")]
     pub(crate) ground_temperature: Option<f64>,
     /// Refine each row until it changes by no more than this share: 1%, 0.001
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
@@ -112,8 +117,8 @@ pub(crate) struct Arguments {
         hide_possible_values = true
     )]
     pub(crate) by: By,
-    /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt with `--solution`, else
-    /// sky]
+    /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt where there is one,
+    /// else sky]
     #[arg(long, value_name = "COLUMN")]
     pub(crate) column: Option<String>,
     #[command(flatten)]
@@ -131,6 +136,7 @@ impl Arguments {
         Paths::default()
             .reads([&self.scene])
             .reads(&self.points)
+            .reads(&self.temperatures)
             .store(&store)
             .writes("-o", &self.output, self.overwrite)
             .reports(&self.report)
@@ -255,9 +261,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let sensors = Sensors::new(arguments, source, &prepared, &horizon)?;
     sensors.tell(arguments, talk);
-    let heat = match &store {
-        Some((store, solution)) => Some(Heat::new(arguments, store, solution)?),
-        None => None,
+    let heat = match (&store, &arguments.temperatures) {
+        (Some((store, solution)), _) => Some(Heat::new(arguments, store, solution, &prepared)?),
+        (None, Some(path)) => Some(Heat::of_table(arguments, path, &prepared)?),
+        (None, None) => None,
     };
     let groups = Groups::new(arguments.by, &prepared);
     output::require_column(arguments, &groups, heat.is_some())?;
@@ -273,6 +280,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let Some(rows) = task.rows(cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
+    if let Some(heat) = &heat {
+        heat.require_outside(rows.iter().map(|row| &row.row))?;
+    }
     let Some(verified) = task.verify(&rows, cancel)? else {
         return Ok(Exit::Interrupted);
     };

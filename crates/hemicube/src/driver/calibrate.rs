@@ -4,12 +4,15 @@
 //! tell the error of visible fractions from one hemicube in this scene: the prior variances
 //! ([`crate::accuracy::correct::PriorVariances`]). Efforts are then tried on these rows, from the cheapest on, against
 //! the same rows with a quarter of the tolerance. The first that keeps the tolerance with a margin is taken.
+//! Where patches are several elements, the error is that of the patches' matrix (`grouped.rs`): errors of the elements' rows
+//! may be larger, by efforts of up to 8. What a row sums to keeps the tolerance whatever the effort, and so do closed forms.
 //! Everything depends on the scene, the settings and the seed, never on a clock.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
 //! would be a second truth.
 
-use crate::Model;
+mod grouped;
+
 use crate::accuracy::correct::fraction;
 use crate::accuracy::error_model::PriorSums;
 use crate::accuracy::refine::{Pair, Refinement, Refiner};
@@ -17,6 +20,8 @@ use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
 use crate::row::{RowBlock, RowView};
+use crate::{Grouping, Model};
+use grouped::{Draw, added_up, mean_norm, product};
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -101,14 +106,39 @@ fn resolution_of(effort: f64) -> u32 {
 /// Columns and form factors of a row at some effort.
 type Row = Vec<(u32, f64)>;
 
-/// Finds the effort and resolution that keep `tolerance` over the rows of `emitters`. Threads do not change them.
+/// Elements with rows, and the patches that they are of.
+#[derive(Clone, Copy, Debug)]
+pub struct Emitters<'a> {
+    /// The elements, in the order of work.
+    pub elements: &'a [InputPatch],
+    /// Their patches; `None`: each is its own.
+    pub grouping: Option<&'a Grouping>,
+}
+
+impl<'a> From<&'a [InputPatch]> for Emitters<'a> {
+    fn from(elements: &'a [InputPatch]) -> Self {
+        Self {
+            elements,
+            grouping: None,
+        }
+    }
+}
+
+impl<'a> From<&'a Vec<InputPatch>> for Emitters<'a> {
+    fn from(elements: &'a Vec<InputPatch>) -> Self {
+        elements.as_slice().into()
+    }
+}
+
+/// Finds the effort and resolution that keep `tolerance` over the rows of `emitters`: of their patches, where those are
+/// several elements. Threads do not change them.
 ///
 /// # Errors
 /// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is cancelled: half a sample
 /// is no answer.
-pub fn calibrate(
+pub fn calibrate<'a>(
     model: &Model,
-    emitters: &[InputPatch],
+    emitters: impl Into<Emitters<'a>>,
     receives: &(dyn Fn(u32) -> bool + Sync),
     rotate: bool,
     tolerance: f64,
@@ -119,9 +149,21 @@ pub fn calibrate(
     if model.patches().len() <= each_up_to && tolerance <= FINE {
         return Ok(each_pair(model, tolerance));
     }
+    let Emitters { elements, grouping } = emitters.into();
     // A patch without area has no hemicube.
-    let mut rows = sample(emitters, NORM_ROWS, SEED);
-    rows.retain(|&row| !model.hemicubes(row, 1, rotate).is_empty());
+    let has_area = |row: &InputPatch| !model.hemicubes(*row, 1, rotate).is_empty();
+    let (rows, twins) = match grouping {
+        None => {
+            let mut rows = sample(elements, NORM_ROWS, SEED);
+            rows.retain(has_area);
+            (rows, Vec::new())
+        }
+        Some(grouping) => {
+            let elements: Vec<InputPatch> = elements.iter().copied().filter(has_area).collect();
+            let draw = Draw::new(grouping, model.patches(), &elements, NORM_ROWS, SEED);
+            (draw.rows, draw.twins)
+        }
+    };
     let stride = rows.len().div_ceil(TRIED_ROWS).max(1);
     let sample = Sample {
         tried: (0..rows.len()).step_by(stride).collect(),
@@ -132,15 +174,18 @@ pub fn calibrate(
             hemicubes(model, &rows, rotate, COARSE, backend)?
         },
         fine: hemicubes(model, &rows, rotate, FINEST, backend)?,
+        of_twins: hemicubes(model, &twins, rotate, FINEST, backend)?,
         rows,
+        twins,
+        grouping,
         model,
         receives,
         tolerance,
         execution,
     };
-    let known = sample.learn()?;
+    let (known, norm) = sample.learn()?;
     let exact = sample.exact(known)?;
-    let mut calibration = sample.search(known, &exact)?;
+    let mut calibration = sample.search(known, norm, &exact)?;
     let percent = |x: f64| format!("{:.3} %", 100.0 * x);
     let verdict = if calibration.keeps(tolerance) {
         ""
@@ -148,11 +193,15 @@ pub fn calibrate(
         "; more than was asked for, and the most that is tried"
     };
     calibration.reason = format!(
-        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried, at most about {}{verdict}",
+        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried{}, at most about {}{verdict}",
         calibration.refinement.effort,
         calibration.resolution,
         percent(calibration.expected),
         calibration.rows,
+        grouping.map_or_else(String::new, |grouping| format!(
+            ", added up by {}",
+            grouping.kind().name()
+        )),
         percent(calibration.at_most),
     );
     Ok(calibration)
@@ -188,6 +237,10 @@ struct Sample<'a> {
     tried: Vec<usize>,
     coarse: RowBlock,
     fine: RowBlock,
+    /// The patches of elements, and another element of the patch of each row.
+    grouping: Option<&'a Grouping>,
+    twins: Vec<InputPatch>,
+    of_twins: RowBlock,
 }
 
 impl Sample<'_> {
@@ -203,8 +256,17 @@ impl Sample<'_> {
         Refiner::new(refinement, self.execution.cancel)
     }
 
-    /// A refinement that knows the scene's norm, whether it is open, and its prior variances.
-    fn learn(&self) -> Result<Refinement, ComputeError> {
+    /// A row as the matrix has it, with columns of patches.
+    fn of_patches(&self, row: Row) -> Row {
+        match self.grouping {
+            Some(grouping) => added_up(&row, grouping),
+            None => row,
+        }
+    }
+
+    /// A refinement that knows the scene's norm, whether it is open, and its prior variances; and the mean of Σ F² over the
+    /// rows of the matrix.
+    fn learn(&self) -> Result<(Refinement, f64), ComputeError> {
         let Self { model, receives, .. } = self;
         let (count, patch_count) = (self.rows.len(), model.patches().len());
         let plain = Refinement {
@@ -212,12 +274,16 @@ impl Sample<'_> {
             ..Refinement::for_tolerance(self.tolerance)
         };
         let mut refiner = self.refiner(plain);
-        let mut norm = 0.0;
+        let (mut norm, mut products) = (0.0, Vec::with_capacity(self.twins.len()));
         for (k, &row) in self.rows.iter().enumerate() {
             self.go_on()?;
-            norm += refiner
-                .row(model, row, seen(self.fine.row(k)), false, receives)
-                .squared_norm;
+            let found = refiner.row(model, row, seen(self.fine.row(k)), false, receives);
+            norm += found.squared_norm;
+            if let Some(&twin) = self.twins.get(k) {
+                let own = self.of_patches(values(&refiner.pairs));
+                refiner.row(model, twin, seen(self.of_twins.row(k)), false, receives);
+                products.push(product(&own, &self.of_patches(values(&refiner.pairs))));
+            }
         }
         let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
         let known = Refinement {
@@ -232,10 +298,12 @@ impl Sample<'_> {
             self.go_on()?;
             refiner.measure_priors(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
         }
-        Ok(Refinement {
-            priors: sums.priors(),
-            ..known
-        })
+        let norm = match self.grouping {
+            Some(_) => mean_norm(&products),
+            None => known.mean_squared_norm,
+        };
+        let priors = sums.priors();
+        Ok((Refinement { priors, ..known }, norm))
     }
 
     /// `known` at an effort, with its Lagrange multiplier.
@@ -275,8 +343,14 @@ impl Sample<'_> {
         Ok(exact)
     }
 
-    /// Tries an effort: the error of the rows tried, relative to the norm of all.
-    fn try_effort(&self, known: Refinement, exact: &[Row], effort: f64) -> Result<Calibration, ComputeError> {
+    /// Tries an effort: the error of the rows tried, relative to `norm`, the mean of Σ F².
+    fn try_effort(
+        &self,
+        known: Refinement,
+        norm: f64,
+        exact: &[Row],
+        effort: f64,
+    ) -> Result<Calibration, ComputeError> {
         let refinement = self.at_effort(known, effort)?;
         // Where all pairs are measured, hemicubes only tell escaped and blocked shares: coarse ones would save nothing.
         let resolution = if known.all { FINEST } else { resolution_of(effort) };
@@ -295,7 +369,7 @@ impl Sample<'_> {
         } else {
             1.0
         };
-        let norm = known.mean_squared_norm.max(f64::MIN_POSITIVE);
+        let norm = norm.max(f64::MIN_POSITIVE);
         let count = errors.len().max(1) as f64;
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count * (count - 1.0).max(1.0));
@@ -310,11 +384,11 @@ impl Sample<'_> {
     }
 
     /// The cheapest effort that keeps the tolerance with a margin, otherwise the dearest.
-    fn search(&self, known: Refinement, exact: &[Row]) -> Result<Calibration, ComputeError> {
+    fn search(&self, known: Refinement, norm: f64, exact: &[Row]) -> Result<Calibration, ComputeError> {
         let [cheapest, dearer @ ..] = EFFORTS;
         let [.., dearest] = EFFORTS;
         let most = MARGIN * self.tolerance;
-        let mut found = self.try_effort(known, exact, cheapest)?;
+        let mut found = self.try_effort(known, norm, exact, cheapest)?;
         for effort in dearer {
             if found.at_most <= most {
                 break;
@@ -323,7 +397,7 @@ impl Sample<'_> {
             let hope = effort / found.refinement.effort * found.at_most;
             if hope <= SLACK * MARGIN * self.tolerance || effort == dearest || resolution_of(effort) != found.resolution
             {
-                found = self.try_effort(known, exact, effort)?;
+                found = self.try_effort(known, norm, exact, effort)?;
             }
         }
         Ok(found)

@@ -16,7 +16,7 @@ use crate::driver::compute::{
     self, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute as compute_rows,
 };
 use crate::driver::input::SceneInput;
-use crate::driver::level::{Asked, Level, LevelError};
+use crate::driver::level::{Asked, Level, LevelError, Rows};
 use crate::driver::probe::Probe;
 use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::RowSettings;
@@ -359,7 +359,10 @@ impl Job {
         let level = Level::resolve(
             self.accuracy,
             model,
-            &selection,
+            Rows {
+                selection: &selection,
+                grouping: grouping.as_deref(),
+            },
             self.rotate,
             policy.form,
             calibration.as_mut(),

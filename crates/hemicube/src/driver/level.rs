@@ -1,12 +1,12 @@
 //! From the accuracy asked for to an accuracy level: a correction with its pixels and hemicubes.
 
-use crate::Model;
 use crate::accuracy::correct::Correction;
 use crate::backend::HemicubeBackend;
-use crate::driver::calibrate::{Calibration, calibrate};
+use crate::driver::calibrate::{Calibration, Emitters, calibrate};
 use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
 use crate::factor::FactorRule;
 use crate::store::Form;
+use crate::{Grouping, Model};
 
 /// The accuracy asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,24 +98,47 @@ pub enum LevelError {
     Compute(#[from] ComputeError),
 }
 
+/// Elements with rows and columns, and the patches that they are of.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    /// The elements.
+    pub selection: &'a Selection,
+    /// Their patches; `None`: each is its own.
+    pub grouping: Option<&'a Grouping>,
+}
+
+impl<'a> From<&'a Selection> for Rows<'a> {
+    fn from(selection: &'a Selection) -> Self {
+        Self {
+            selection,
+            grouping: None,
+        }
+    }
+}
+
 /// Calibrates a tolerance on a scene, over all rows of the selection, whichever of them are computed later.
 ///
 /// # Errors
 /// As [`calibrate`].
-pub fn within(
+pub fn within<'a>(
     model: &Model,
-    selection: &Selection,
+    rows: impl Into<Rows<'a>>,
     rotate: bool,
     tolerance: f64,
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
+    let Rows { selection, grouping } = rows.into();
     let emitters = Plan::new(model, RowChoice::All, selection.clone(), 1, rotate).rows;
     let receives = |patch: u32| {
         let chosen = selection.receivers.as_ref();
         chosen.is_none_or(|receivers| receivers.get(patch as usize).copied().unwrap_or(false))
     };
-    calibrate(model, &emitters, &receives, rotate, tolerance, backend, execution)
+    let emitters = Emitters {
+        elements: &emitters,
+        grouping,
+    };
+    calibrate(model, emitters, &receives, rotate, tolerance, backend, execution)
 }
 
 /// The form to take in place of one that rounds too much.
@@ -151,10 +174,10 @@ impl Level {
     ///
     /// # Errors
     /// When the store's form leaves too little of the tolerance, or as [`calibrate`].
-    pub fn resolve(
+    pub fn resolve<'a>(
         asked: Asked,
         model: &Model,
-        selection: &Selection,
+        rows: impl Into<Rows<'a>>,
         rotate: bool,
         form: Form,
         backend: &mut dyn HemicubeBackend,
@@ -176,7 +199,7 @@ impl Level {
             Asked::Tolerance(tolerance) => tolerance,
         };
         let left = left_by(form, tolerance)?;
-        let calibration = within(model, selection, rotate, left, backend, execution)?;
+        let calibration = within(model, rows, rotate, left, backend, execution)?;
         let mut refinement = calibration.refinement;
         if form == Form::Double && tolerance <= EXACT_FROM {
             (refinement.rule, refinement.proves) = (FactorRule::exact(), true);

@@ -1,44 +1,37 @@
 //! Rows through portals: a finished row of F becomes one of F^s.
 //!
-//! - *pixel*: the rays of the pixels that see a portal go on from where they meet it, each with its pixel's weight, in
-//!   whole numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
-//! - *area*, *tolerance*: direct form factors stay. Rays from all over the patch find the pairs seen through portals.
+//! - *pixel*: the pixels that see a portal are drawn again as seen through it (`pass`), each with its weight, in whole
+//!   numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
+//! - *area*, *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen through
+//!   them.
 //!   Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its share
 //!   of the tolerance. Two commuting mirrors, as of a duct, make one pair with one closed form for either order.
 //!
 //! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁵ of a tolerance. Paths are cut off
 //! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
 
-use super::gather::{Column, Found, Gather, Ledger, apportion};
+use super::aim::Casts;
+use super::gather::{Column, Found, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::Through;
-use super::trace::{Ends, MetAt, Ray, Tracer};
+use super::pass::{Passes, Taker};
+use super::trace::Tracer;
 use super::{Images, Optics, Portals};
 use crate::Model;
 use crate::accuracy::correct::Correction;
-use crate::accuracy::ray_shares;
 use crate::accuracy::row::Emitter;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, WHOLE};
-use crate::bvh::{LANES, Tree};
+use crate::bvh::Tree;
 use crate::delta::DeltaTable;
-use crate::face::Face;
 use crate::factor::{FactorRule, exchange};
-use crate::geometry::{self, Plane};
-use crate::sampling::sobol::{BATCH, Sequence, fold};
-use crate::sampling::splitmix;
 use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowShares, RowSums};
-use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The weight of a ray.
-const RAY: u64 = 1 << 40;
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
-/// Rays that a row begins with, without and with a tolerance. Choices.
-const RAYS: [usize; 2] = [1 << 12, 1 << 13];
-/// The share of portals in sight down to which all of [`RAYS`] are cast; half of them down to half of it. A choice.
-const MANY: f64 = 0.125;
+/// Rays that a row begins with, without and with a tolerance, of which those that meet a portal are cast. Choices.
+const RAYS: [usize; 2] = [1 << 12, 1 << 12];
 /// Rays of a row with a tolerance at most.
 const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
@@ -88,7 +81,8 @@ pub(crate) struct Extender<'a> {
     model: &'a Model,
     correction: Correction,
     cancel: &'a AtomicBool,
-    table: Option<DeltaTable>,
+    /// Weights of pixels and their further passes, where pixels are followed.
+    pixels: Option<(DeltaTable, Passes)>,
     tracer: Tracer,
     motions: Motions,
     ledger: Ledger,
@@ -107,13 +101,15 @@ impl<'a> Extender<'a> {
         let count = model.geometry().patch_count;
         let specular = portals.specular.as_ref();
         let optics = specular.map_or_else(Vec::new, |specular| specular.by_patch(portals.images.as_ref(), count));
+        let tree = Tree::of(model.geometry());
+        let follows_pixels = specular.is_some() && correction == Correction::Pixel;
         Self {
             portals,
             model,
             correction,
             cancel,
-            table: (specular.is_some() && correction == Correction::Pixel).then(|| DeltaTable::new(resolution)),
-            tracer: Tracer::new(Tree::of(model.geometry()), optics),
+            pixels: follows_pixels.then(|| (DeltaTable::new(resolution), Passes::new(&tree, &optics))),
+            tracer: Tracer::new(tree, optics),
             motions: Motions::default(),
             ledger: Ledger::default(),
             row: Vec::new(),
@@ -194,7 +190,7 @@ impl<'a> Extender<'a> {
         self.row.iter().map(|&(patch, factor)| factor * passed(patch)).sum()
     }
 
-    /// Follows the rays of the pixels that see a portal.
+    /// Follows the pixels that see a portal.
     fn by_pixels(
         &mut self,
         hemicubes: &[Hemicube],
@@ -202,69 +198,29 @@ impl<'a> Extender<'a> {
         session: &mut dyn HemicubeBackend,
     ) -> Result<Brought, BackendError> {
         let Self {
-            table: Some(table),
+            pixels: Some((table, passes)),
             tracer,
-            motions,
             ledger,
             portals,
+            row,
             ..
         } = self
         else {
             return Ok(Brought::default());
         };
         let bound = portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
-        tracer.legs_max = LEGS[0] * hemicubes.len().max(1) as u64;
-        motions.begin();
+        passes.legs_max = LEGS[0] * hemicubes.len().max(1) as u64;
         ledger.clear();
-        let mut gather = Gather { ledger, column };
+        let mut taker = Taker { ledger, column };
+        let is_portal = |patch: u32| tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
+        let seen: Vec<u32> = row.iter().map(|&(patch, _)| patch).filter(|&patch| is_portal(patch)).collect();
         for hemicube in hemicubes {
             let items = session.items(hemicube)?;
-            let resolution = items.resolution;
-            let step = 2.0 / f64::from(resolution);
-            let mut seen = items.seen.iter();
-            for face in Face::ALL {
-                let (places, signs) = face.axes();
-                let [u, v, w]: [DVec3; 3] = std::array::from_fn(|k| hemicube.axes[places[k]] * signs[k]);
-                for y in 0..face.rows(resolution) {
-                    for x in 0..resolution {
-                        let Some(&patch) = seen.next() else { continue };
-                        let is_portal = |patch: u32| tracer.optics.get(patch as usize).is_some_and(|o| o.is_portal());
-                        if !is_portal(patch) {
-                            continue;
-                        }
-                        let up = if face.is_top() { 1.0 } else { 0.0 };
-                        let (a, b) = ((f64::from(x) + 0.5) * step - 1.0, (f64::from(y) + 0.5) * step - up);
-                        let Some(towards) = (w + u * a + v * b).try_normalize() else {
-                            continue;
-                        };
-                        let weight = u64::from(table.weight(face, x, y)) * FINE;
-                        let ray = Ray {
-                            from: hemicube.origin,
-                            towards,
-                            horizon: Plane {
-                                normal: hemicube.axes[2],
-                                offset: hemicube.axes[2].dot(hemicube.origin),
-                            },
-                            weight,
-                            passes: 0,
-                            motion: OTHER,
-                            length: 0.0,
-                        };
-                        if let Some(met) = at_plane(tracer, &ray, patch) {
-                            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
-                            let least = (weight as f64 * bound) as u64;
-                            tracer.meet(&ray, &met, least, motions, &mut gather);
-                            let ends = Ends {
-                                reach: f64::INFINITY,
-                                least,
-                            };
-                            tracer.follow_rest(ends, motions, &mut gather);
-                        }
-                    }
-                }
-            }
+            let weights = (&*table, FINE, bound);
+            passes.follow((hemicube, &items), weights, &seen, &tracer.optics, &mut taker);
         }
-        let ledger = gather.ledger;
+        tracer.legs = std::mem::take(&mut passes.legs);
+        let ledger = taker.ledger;
         let whole = (u64::from(WHOLE) * FINE) as f64 * hemicubes.len().max(1) as f64;
         let passed: u64 = ledger.entries.values().map(|found| found.passed).sum();
         Ok(Brought {
@@ -279,7 +235,7 @@ impl<'a> Extender<'a> {
         })
     }
 
-    /// Casts rays from all over the patch, and measures what they find most of.
+    /// Casts rays at portals from all over the patch, and measures what they find most of.
     fn by_rays(&mut self, emitter: InputPatch, sent: f64, column: impl Fn(u32) -> Column) -> Brought {
         let emitter = &Emitter::new(self.model, emitter);
         let (tolerance, rule) = match self.correction {
@@ -288,27 +244,34 @@ impl<'a> Extender<'a> {
             Correction::Pixel | Correction::Point => (None, FactorRule::for_tolerance(1e-2)),
         };
         let level = usize::from(tolerance.is_some());
+        let bound = self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
         self.tracer.legs_max = LEGS[level];
-        let mut casts = Casts::new(emitter);
-        let is_portal = |patch: u32| self.tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
-        let seen = self.row.iter().filter(|&&(patch, _)| is_portal(patch));
-        let portals: f64 = seen.map(|&(_, factor)| factor).sum();
-        // As exact with few portals in sight as with many, by fewer rays.
-        let halves = (1..3).take_while(|&half| portals < MANY / f64::from(1 << half)).count();
-        let first = RAYS[level] >> halves;
+        let is_portal = |&(patch, _): &(u32, f64)| {
+            let optics = self.tracer.optics.get(patch as usize);
+            optics.is_some_and(Optics::is_portal)
+        };
+        let seen = self.row.iter().copied().filter(is_portal);
+        let mut casts = Casts::new(emitter, &self.tracer, seen, RAYS[level]);
         self.motions.begin();
         self.ledger.clear();
+        let mut is_by_rays = false;
         let permitted = loop {
-            let until = (2 * casts.count).max(first);
-            self.cast(&mut casts, until, &column);
+            let taken = (&mut self.tracer, &mut self.motions, &mut self.ledger);
+            casts.cast(bound, self.cancel, taken, &column);
             let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
             let seen = self.ledger.entries.values();
             let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
             let permitted = tolerance.map(|tolerance| (PART * tolerance).powi(2) * (factors + through));
             let is_over = self.tracer.legs >= self.tracer.legs_max || self.cancel.load(Ordering::Relaxed);
-            let enough = permitted.is_none_or(|permitted| casts.rest(&self.ledger.sorted()) <= permitted / 2.0);
-            if enough || is_over || casts.count >= RAYS_MAX {
-                break permitted;
+            let Some(permitted) = permitted else { break None };
+            let entries = self.ledger.sorted();
+            if casts.rest(&entries, 0, 0.0) <= permitted {
+                is_by_rays = true;
+                break Some(permitted);
+            }
+            let is_measured = casts.rest(&entries, PAIRS[1], HITS[1]) <= permitted / 2.0;
+            if is_over || casts.count >= RAYS_MAX || is_measured && !is_cheaper(&casts, &entries, permitted) {
+                break Some(permitted);
             }
         };
         // What is handed on first is known from closed forms: rays only divide it.
@@ -329,7 +292,8 @@ impl<'a> Extender<'a> {
             // No ray found a portal that the row sees.
             lost[3] += sent;
         }
-        let known = self.measure(&casts, level, permitted, rule, scale);
+        let most = if is_by_rays { 0 } else { PAIRS[level] };
+        let known = self.measure(&casts, level, (permitted, most), rule, scale);
         balanced(sent, &known, lost)
     }
 
@@ -338,7 +302,7 @@ impl<'a> Extender<'a> {
         &mut self,
         casts: &Casts<'_>,
         level: usize,
-        permitted: Option<f64>,
+        (permitted, most): (Option<f64>, usize),
         rule: FactorRule,
         scale: f64,
     ) -> Vec<Known> {
@@ -361,7 +325,7 @@ impl<'a> Extender<'a> {
                 variance: casts.variance(&found),
                 is_by_rays: true,
             };
-            let is_left = measured < PAIRS[level] && place < LOOKS * PAIRS[level];
+            let is_left = measured < most && place < LOOKS * most;
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
                 let own = self.motions.get(motion).inverse().triangle(emitter.corners);
                 let whole = exchange(&own, &self.model.normalised_corners(patch), &rule) / emitter.area;
@@ -373,7 +337,7 @@ impl<'a> Extender<'a> {
                         patch,
                         least: SEGMENTS[level].0,
                         most: SEGMENTS[level].1,
-                        bound: self.bound(),
+                        bound: self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound),
                     };
                     let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);
                     // Segments to a patch all but touched say less than rays.
@@ -388,52 +352,6 @@ impl<'a> Extender<'a> {
             known.push(entry);
         }
         known
-    }
-
-    /// The weight, of that of a ray, at which paths end.
-    fn bound(&self) -> u64 {
-        let bound = self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
-        let bound = (RAY as f64 * bound) as u64;
-        bound
-    }
-
-    /// Casts rays up to a number.
-    fn cast(&mut self, casts: &mut Casts<'_>, until: usize, column: impl Fn(u32) -> Column) {
-        let ends = Ends {
-            reach: f64::INFINITY,
-            least: self.bound(),
-        };
-        let [a, b, c] = casts.emitter.corners;
-        let mut gather = Gather {
-            ledger: &mut self.ledger,
-            column,
-        };
-        while casts.count < until {
-            if self.cancel.load(Ordering::Relaxed) {
-                // Nobody wants the row: its weights need not say anything.
-                casts.count = until;
-                return;
-            }
-            let u = casts.sequence.points(casts.count);
-            for l in 0..BATCH {
-                let (s, t) = fold(u[0][l], u[1][l]);
-                let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
-                let radius = u[2][l].sqrt();
-                let flat = (casts.across[0] * cos + casts.across[1] * sin) * radius;
-                let ray = Ray {
-                    from: a + (b - a) * s + (c - a) * t,
-                    towards: flat + casts.horizon.normal * (1.0 - u[2][l]).sqrt(),
-                    horizon: casts.horizon,
-                    weight: RAY,
-                    passes: 0,
-                    motion: 0,
-                    length: 0.0,
-                };
-                self.tracer.follow(ray, ends, &mut self.motions, &mut gather);
-            }
-            casts.count += BATCH;
-        }
     }
 
     /// Enters arrivals through portals into the row's weights, shares and error.
@@ -498,53 +416,14 @@ impl<'a> Extender<'a> {
     }
 }
 
-/// Rays of one emitter.
-struct Casts<'e> {
-    emitter: &'e Emitter<'e>,
-    horizon: Plane,
-    across: [DVec3; 2],
-    sequence: Sequence,
-    count: usize,
-}
-
-impl<'e> Casts<'e> {
-    fn new(emitter: &'e Emitter<'e>) -> Self {
-        let normal = geometry::cross(&emitter.corners).normalize_or(DVec3::Z);
-        let (x, y) = normal.any_orthonormal_pair();
-        Self {
-            emitter,
-            horizon: Plane {
-                normal,
-                offset: normal.dot(emitter.corners[0]),
-            },
-            across: [x, y],
-            // Others than those for the row's non-visible shares.
-            sequence: Sequence::new(splitmix::hash(u64::from(emitter.patch.0) + (1 << 32))),
-            count: 0,
-        }
-    }
-
-    /// A weight as a share of all rays'.
-    fn share(&self, weight: u64) -> f64 {
-        weight as f64 / (self.count as f64 * RAY as f64)
-    }
-
-    /// The variance of a pair known by rays: of hits of the same weight.
-    fn variance(&self, found: &Found) -> f64 {
-        let hits = f64::from(found.hits);
-        let each = self.share(found.weight) / hits.max(1.0) * self.count as f64;
-        let share = hits / self.count as f64;
-        (each * ray_shares::error(share * (1.0 - share).max(0.0), self.count)).powi(2)
-    }
-
-    /// The variance of all pairs that segments do not measure.
-    fn rest(&self, entries: &[((MotionId, u32), Found)]) -> f64 {
-        let rest = entries
-            .iter()
-            .enumerate()
-            .filter(|(place, (_, found))| *place >= PAIRS[1] || f64::from(found.hits) < HITS[1]);
-        rest.map(|(_, (_, found))| self.variance(found)).sum()
-    }
+/// Returns whether as many more rays as keep the permitted error cost less than measuring pairs by segments.
+fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted: f64) -> bool {
+    let cast = casts.rays();
+    let over = casts.rest(entries, 0, 0.0) / permitted;
+    // The variance falls as n^(−5/4): by roots, n = over^(3/4) is a little less, and is asked again when they are cast.
+    let wanted = cast as f64 * over.sqrt() * over.sqrt().sqrt();
+    let pairs = entries.iter().take(PAIRS[1]).filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
+    wanted <= (pairs.count() * SEGMENTS[1].0) as f64
 }
 
 /// Arrivals at a patch under a motion.
@@ -583,21 +462,4 @@ fn balanced(sent: f64, known: &[Known], mut lost: [f64; 4]) -> Brought {
         brought.factors.push((entry.patch, factor));
     }
     brought
-}
-
-/// The surface of a patch, met by a ray known to see it. A pixel's centre may be off the triangle by rounding.
-fn at_plane(tracer: &Tracer, ray: &Ray, patch: u32) -> Option<MetAt> {
-    let slot = *tracer.tree.slot_of_patch.get(patch as usize)?;
-    let (block, lane) = (slot as usize / LANES, slot as usize % LANES);
-    let block = tracer.tree.blocks.get(block)?;
-    let corners = block.triangle(lane);
-    let normal = geometry::cross(&corners);
-    let across = normal.dot(ray.towards);
-    let distance = normal.dot(corners[0] - ray.from) / across;
-    (distance.is_finite() && distance > 0.0).then_some(MetAt {
-        id: patch,
-        slot,
-        corners,
-        distance,
-    })
 }

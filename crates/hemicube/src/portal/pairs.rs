@@ -73,7 +73,7 @@ pub(super) struct Through<'e> {
     pub(super) least: usize,
     pub(super) most: usize,
     /// Share of the weight at which paths end.
-    pub(super) bound: u64,
+    pub(super) bound: f64,
 }
 
 impl Through<'_> {
@@ -91,9 +91,12 @@ impl Through<'_> {
         };
         let seed = u64::from(self.emitter.patch.0) << 32 | u64::from(self.patch);
         let sequence = Sequence::new(splitmix::hash(seed ^ u64::from(self.motion) << 17));
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
+        let least = (UNIT as f64 * self.bound) as u64;
         let ends = |length: f64| Ends {
             reach: length + AT,
-            least: self.bound,
+            least,
+            only: Some(self.motion),
         };
         let (mut sum, mut arrived, mut passed) = (0.0, 0.0, 0.0);
         let mut found: Vec<(f64, f64)> = Vec::with_capacity(self.least);

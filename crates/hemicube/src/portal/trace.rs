@@ -62,6 +62,8 @@ pub(super) struct Ends {
     pub(super) reach: f64,
     /// Weight.
     pub(super) least: u64,
+    /// The motion of what is looked for, if only that is: under it, nothing is reflected any more.
+    pub(super) only: Option<MotionId>,
 }
 
 /// Takes the weight of paths.
@@ -83,7 +85,7 @@ pub(super) struct Tracer {
     /// Legs traced, and their bound: beyond it every path is cut off at its next portal.
     pub(super) legs: u64,
     pub(super) legs_max: u64,
-    pending: Vec<u32>,
+    pub(super) pending: Vec<u32>,
     rays: Vec<Ray>,
 }
 
@@ -125,19 +127,18 @@ impl Tracer {
                         corners: met.corners,
                         distance: met.place * leg,
                     };
-                    self.meet(&ray, &met, ends.least, motions, tally);
+                    self.meet(&ray, &met, ends, motions, tally);
                 }
             }
         }
     }
 
     /// Goes on with a ray at the surface known to be its first.
-    pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, least: u64, motions: &mut Motions, tally: &mut impl Tally) {
+    pub(super) fn meet(&mut self, ray: &Ray, met: &MetAt, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
         let at = ray.from + ray.towards * met.distance;
         // The back of a one-sided patch hands on nothing.
         let optics = self.optics.get(met.id as usize).copied().unwrap_or_default();
-        let reflected = share(ray.weight, optics.specular);
-        let through = share(ray.weight, optics.transmittance).min(ray.weight - reflected);
+        let [reflected, through] = divide(Some(&optics), ray.weight);
         let arrival = Arrival {
             patch: (met.id < self.tree.patch_count).then_some(met.id),
             at,
@@ -157,7 +158,7 @@ impl Tracer {
         let offset = normal.dot(met.corners[0]);
         let is_over = ray.passes >= PASSES_MAX || self.legs >= self.legs_max;
         for (weight, is_mirror) in [(reflected, true), (through, false)] {
-            if weight == 0 {
+            if weight == 0 || is_mirror && ends.only == Some(ray.motion) {
                 continue;
             }
             let on = Ray {
@@ -184,13 +185,20 @@ impl Tracer {
                 },
                 length: arrival.length,
             };
-            if is_over || weight <= least {
+            if is_over || weight <= ends.least {
                 tally.cut(&on, weight);
             } else {
                 self.rays.push(on);
             }
         }
     }
+}
+
+/// The parts of a weight that a surface reflects and lets through.
+pub(super) fn divide(optics: Option<&Optics>, weight: u64) -> [u64; 2] {
+    let Some(optics) = optics else { return [0; 2] };
+    let reflected = share(weight, optics.specular);
+    [reflected, share(weight, optics.transmittance).min(weight - reflected)]
 }
 
 /// A share of a weight, rounded down; all of it for 1.

@@ -1,12 +1,14 @@
-//! Radiosities of a solution, for mean radiant temperatures.
+//! Radiosities of a solution, or of black surfaces at given temperatures, for mean radiant temperatures.
 
 use super::Arguments;
 use crate::exit::hinted;
-use crate::report::require_matrix;
+use crate::prepare::Prepared;
+use crate::report::{counted, require_matrix};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::points::SensorRow;
-use hemicube::solve::StoredSolution;
+use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution, Temperature};
 use hemicube::store::Store;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Name of a solution, where none is given.
@@ -34,14 +36,20 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
     Ok((store, solution))
 }
 
-/// Radiosities by patch in W/m², and the temperatures of sky, ground and backs in kelvin.
+/// Radiosities by triangle in W/m², and the temperatures of sky, ground and backs in kelvin.
 pub(super) struct Heat {
     radiosity: Vec<f64>,
     outside: [f64; 3],
 }
 
 impl Heat {
-    pub(super) fn new(arguments: &Arguments, store: &Store, solution: &StoredSolution) -> Result<Self> {
+    /// Of a solution; where patches are several triangles, each has its patch's radiosity.
+    pub(super) fn new(
+        arguments: &Arguments,
+        store: &Store,
+        solution: &StoredSolution,
+        prepared: &Prepared,
+    ) -> Result<Self> {
         let report = solution.report();
         if report["quantity"] != "heat" {
             return Err(hinted(
@@ -68,15 +76,168 @@ impl Heat {
         };
         let sky = of(arguments.sky_temperature, "sky")?;
         let ground = of(arguments.ground_temperature, "ground")?;
+        let radiosity = radiosity.row(0)?;
         Ok(Self {
-            radiosity: radiosity.row(0)?,
+            radiosity: match &prepared.grouping {
+                Some(grouping) => grouping.spread(&radiosity),
+                None => radiosity,
+            },
             // Backs exchange nothing in `solve`: what a sensor meets there counts as what lay outside.
             outside: [sky, ground, ambient.unwrap_or(ground)],
         })
     }
 
+    /// Of black surfaces at the temperatures of a table. What lies outside is NaN unless the options say how warm it is.
+    pub(super) fn of_table(arguments: &Arguments, path: &Path, prepared: &Prepared) -> Result<Self> {
+        let table = read(path)?;
+        let scene = &prepared.scene;
+        let mut used = vec![false; table.len()];
+        let mut without: BTreeMap<&str, u64> = BTreeMap::new();
+        let mut radiosity = Vec::with_capacity(prepared.patches.len());
+        for element in prepared.patches.iter() {
+            let triangle = &scene.triangles[prepared.patches.triangle(element)];
+            let object = scene.objects.get(triangle.object as usize).map_or("", String::as_str);
+            let material = scene.materials.get(triangle.material as usize);
+            let material = material.map_or("", |material| material.name.as_str());
+            let place = [object, material, "*"]
+                .iter()
+                .find_map(|name| table.iter().position(|(known, _)| known == name));
+            match place {
+                Some(place) => {
+                    used[place] = true;
+                    radiosity.push(STEFAN_BOLTZMANN * table[place].1.powi(4));
+                }
+                None => {
+                    *without.entry(object).or_default() += 1;
+                    radiosity.push(f64::NAN);
+                }
+            }
+        }
+        if let Some((name, count)) = without.iter().next() {
+            bail!(
+                "`{}` has no temperature for the object `{name}`, {}, nor for {} more; a line `*,KELVIN` is for all others",
+                path.display(),
+                counted(*count, "patch"),
+                counted(without.len() as u64 - 1, "object"),
+            );
+        }
+        if let Some(place) = used
+            .iter()
+            .position(|used| !used)
+            .filter(|&place| table[place].0 != "*")
+        {
+            bail!(
+                "`{}` has a temperature for `{}`, and no object and no material has that name",
+                path.display(),
+                table[place].0
+            );
+        }
+        let sky = arguments.sky_temperature.unwrap_or(f64::NAN);
+        let ground = arguments.ground_temperature.unwrap_or(sky);
+        Ok(Self {
+            radiosity,
+            outside: [sky, ground, ground],
+        })
+    }
+
+    /// Refuses rows that see what has no temperature.
+    pub(super) fn require_outside<'a>(&self, mut rows: impl Iterator<Item = &'a SensorRow>) -> Result<()> {
+        let [sky, ground, backs] = self.outside;
+        let is_seen = |share: f64, kelvin: f64| share > 0.0 && kelvin.is_nan();
+        let sees =
+            |row: &&SensorRow| is_seen(row.sky, sky) || is_seen(row.ground, ground) || is_seen(row.blocked, backs);
+        match rows.find(sees) {
+            None => Ok(()),
+            Some(_) => Err(hinted(
+                anyhow!("points see what lies outside, and nothing says how warm that is"),
+                "`--sky-temperature KELVIN` does, and `--ground-temperature KELVIN` for what is below the horizon",
+            )),
+        }
+    }
+
     /// The mean radiant temperature of a row in kelvin.
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
         row.mean_radiant_temperature(&self.radiosity, self.outside)
+    }
+}
+
+/// Bytes of a table of temperatures, at most.
+const TABLE_BYTES_MAX: u64 = 1 << 26;
+
+/// Names and temperatures in kelvin, one a line: `name,kelvin` or `name,20 °C`. A name in quotes may hold a comma; a first
+/// line whose second column is `temperature` is a header.
+fn read(path: &Path) -> Result<Vec<(String, f64)>> {
+    let failed = || format!("`{}` cannot be read", path.display());
+    if std::fs::metadata(path).with_context(failed)?.len() > TABLE_BYTES_MAX {
+        bail!(
+            "`{}` is larger than a table of temperatures may be, 64 MB",
+            path.display()
+        );
+    }
+    let text = hemicube_scene::read_regular_text(path).with_context(failed)?;
+    let mut found: Vec<(String, f64)> = Vec::new();
+    let mut lines: BTreeMap<String, usize> = BTreeMap::new();
+    for (at, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let place = || format!("{}:{}", path.display(), at + 1);
+        let parts = line.rsplit_once([',', ';', '\t']);
+        let Some((name, value)) = parts.map(|(name, value)| (name.trim().trim_matches('"'), value.trim())) else {
+            bail!(
+                "{}: a line is a name and a temperature, with a comma between them",
+                place()
+            );
+        };
+        if found.is_empty() && value.eq_ignore_ascii_case("temperature") {
+            continue;
+        }
+        let kelvin = match value.trim_matches('"').parse::<Temperature>() {
+            Ok(temperature) if (0.0..=1e6).contains(&temperature.kelvin()) => temperature.kelvin(),
+            _ => bail!(
+                "{}: `{value}` is no temperature: kelvin from 0 on, or text such as `20 °C`",
+                place()
+            ),
+        };
+        if let Some(first) = lines.insert(name.to_owned(), at + 1) {
+            bail!("{}: `{name}` has a temperature in line {first} already", place());
+        }
+        found.push((name.to_owned(), kelvin));
+    }
+    if found.is_empty() {
+        bail!("`{}` has no temperature", path.display());
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_of_temperatures_are_read_and_refused_by_line() {
+        let path = std::env::temp_dir().join(format!("hemicube-temperatures-{}", std::process::id()));
+        std::fs::write(
+            &path,
+            "surface,temperature\nfloor, 30 °C\n# none\n\"wall, north\",293.15\n*;250\n",
+        )
+        .expect("a file");
+        let table = read(&path).expect("a table");
+        let names: Vec<&str> = table.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["floor", "wall, north", "*"]);
+        assert!((table[0].1 - 303.15).abs() < 1e-9 && table[2].1 == 250.0);
+        for (text, says) in [
+            ("floor\n", ":1: a line is"),
+            ("floor,300\nfloor,301\n", ":2: `floor`"),
+            ("floor,-1\n", "`-1` is no temperature"),
+            ("floor,warm\n", "`warm` is no temperature"),
+            ("# nothing\n", "has no temperature"),
+        ] {
+            std::fs::write(&path, text).expect("a file");
+            let error = read(&path).expect_err(text).to_string();
+            assert!(error.contains(says), "{error}");
+        }
+        std::fs::remove_file(&path).expect("it was there");
     }
 }

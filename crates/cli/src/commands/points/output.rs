@@ -195,7 +195,7 @@ impl Column {
             Some("mrt") if has_heat => Ok(Self::Temperature),
             Some("mrt") => Err(hinted(
                 anyhow!("`--column mrt` needs radiosities"),
-                "`--solution DIR` has them",
+                "`--solution DIR` has them, and `--temperatures FILE` those of black surfaces",
             )),
             Some(name) => match groups.names.iter().position(|known| known == name) {
                 Some(group) => Ok(Self::Group(u32::try_from(group).unwrap_or(u32::MAX))),
@@ -309,7 +309,7 @@ impl Written<'_> {
     }
 
     fn has_heat(&self) -> bool {
-        self.arguments.solution.is_some()
+        self.arguments.solution.is_some() || self.arguments.temperatures.is_some()
     }
 
     /// The direction of a row: a plane's normal, or that of a cube's side.

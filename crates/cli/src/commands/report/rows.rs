@@ -206,7 +206,7 @@ mod tests {
         let mut packer = RowPacker::new(&table, 2, 2);
         packer.places = vec![(0, 0); 5];
         packer
-            .add(0, &[1, 2, 3, 4], &[0.25, 0.0, 0.5, 0.125])
+            .add(0, &[1, 2, 3, 4], FactorSlice::Single(&[0.25, 0.0, 0.5, 0.125]))
             .expect("sound columns");
         let mut expected = vec![3, 1, 1];
         for factor in [0.25, 0.5] {
@@ -217,6 +217,6 @@ mod tests {
             expected.extend_from_slice(&code(factor).to_le_bytes());
         }
         assert_eq!(packer.bytes, expected);
-        assert!(packer.add(1, &[5], &[0.1]).is_err());
+        assert!(packer.add(1, &[5], FactorSlice::Single(&[0.1])).is_err());
     }
 }
