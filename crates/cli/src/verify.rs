@@ -345,7 +345,7 @@ fn of_store(store: &Store, patch: InputPatch) -> Result<Option<EstimatedRow>> {
     Ok(stored.map(|stored| EstimatedRow {
         emitter: patch,
         columns: stored.indices,
-        values: stored.data.into_iter().map(f64::from).collect(),
+        values: stored.data.into_f64(),
     }))
 }
 
@@ -454,7 +454,7 @@ impl Verify<'_> {
             receivers: plan.selection.receivers.clone(),
         };
         let rows = Plan::new(model, RowChoice::All, selection, plan.samples_per_edge, plan.rotate)
-            .with_correction(plan.correction.clone());
+            .with_correction(plan.correction);
         let resolution = store.manifest().settings["resolution"].as_u64();
         let render = RenderSettings {
             resolution: resolution

@@ -241,7 +241,10 @@ mod tests {
         assert_eq!(left_by(Form::Double, 1e-7).unwrap(), 1e-7);
         assert_eq!(left_by(Form::Plain, 1e-6).unwrap(), 1e-6);
         let refused = left_by(Form::Plain, 1e-7).unwrap_err().to_string();
-        assert!(refused.contains("plain form") && refused.contains("`double`"), "{refused}");
+        assert!(
+            refused.contains("plain form") && refused.contains("`double`"),
+            "{refused}"
+        );
         let left = left_by(Form::Compact, 1e-2).unwrap();
         assert!((left.hypot(Form::Compact.value_error()) / 1e-2 - 1.0).abs() < 1e-12);
         assert!(matches!(left_by(Form::Compact, 1e-4), Err(LevelError::Rounding { .. })));

@@ -9,9 +9,9 @@
 
 use super::Areas;
 use super::exchange::Record;
-use crate::store::{FactorSlice, Part};
 use crate::store::Residuals;
 use crate::store::closure::{ClosureTally, share_of, target_of};
+use crate::store::{FactorSlice, Part};
 
 /// Sums of the residuals.
 #[derive(Debug, Default)]

@@ -178,7 +178,10 @@ impl<'a> Symmetric<'a> {
 
     fn size_of(&self, place: usize) -> u64 {
         let lengths = self.lengths.get(self.rows_of(place)).unwrap_or_default();
-        lengths.iter().map(|&length| u64::from(length) * record_size(self.precision) as u64).sum()
+        lengths
+            .iter()
+            .map(|&length| u64::from(length) * record_size(self.precision) as u64)
+            .sum()
     }
 
     /// The rows of a part.
