@@ -273,12 +273,7 @@ impl<'a> Faces<'a> {
         let source = self.faces[place].source;
         let mut row: Vec<(u32, f64)> = match &self.rows {
             Rows::Stored => match self.store.row(InputPatch(source))? {
-                Some(row) => row
-                    .indices
-                    .iter()
-                    .copied()
-                    .zip(&row.data)
-                    .collect(),
+                Some(row) => row.indices.iter().copied().zip(&row.data).collect(),
                 None => Vec::new(),
             },
             Rows::Zones(zones) => zones[source as usize].factors.clone(),

@@ -712,7 +712,6 @@ mod tests {
                 worst_relative = worst_relative.max((whole - sum).abs() / whole);
             }
         }
-        println!("{worst:e} {worst_relative:e}");
         assert!(worst < 1e-10 && worst_relative < 1e-6, "{worst:e} {worst_relative:e}");
     }
 
@@ -742,7 +741,6 @@ mod tests {
             let sum: f64 = others.map(|j| exchange(i, j, &rule)).sum();
             worst = worst.max((sum / geometry::area(i) - 1.0).abs());
         }
-        println!("{worst:e}");
         assert!(worst < 1e-11, "{worst:e}");
     }
 

@@ -79,8 +79,8 @@ pub use shares::RowShares;
 pub use small_entries::{PartThinning, Thinning};
 pub use write::StoreWriter;
 
-pub(crate) use factors::Number;
 pub(crate) use durable::{file_checksum, read_exact_at, sealed_checksum, write_whole};
+pub(crate) use factors::Number;
 pub(crate) use manifest::{is_sealed_or_plain_json, seal_json};
 pub(crate) use npy::{Header as NpyHeader, decode};
 pub(crate) use npz::Npz;

@@ -541,11 +541,7 @@ fn compressed_and_wider_matrices_are_read_as_scipy_saves_them() {
         for (row, &patch) in sample.parts[0].rows.iter().enumerate() {
             let found = matrix.row(row as u32).unwrap().unwrap();
             let wanted = sample.dense()[patch as usize].clone().unwrap();
-            let values: Vec<f64> = found
-                .columns
-                .iter()
-                .map(|&column| wanted[column as usize].into())
-                .collect();
+            let values: Vec<f64> = found.columns.iter().map(|&column| wanted[column as usize]).collect();
             assert_eq!(found.values, values);
         }
     }
@@ -649,10 +645,10 @@ fn products_are_those_of_the_rows_whatever_the_threads() {
                 assert!(y[patch].is_nan(), "a row that was not computed");
                 continue;
             };
-            let sum: f64 = row.iter().zip(&x).map(|(&factor, x)| f64::from(factor) * x).sum();
+            let sum: f64 = row.iter().zip(&x).map(|(&factor, x)| factor * x).sum();
             assert!((y[patch] - sum).abs() < 1e-12 * 50.0, "{} {sum}", y[patch]);
             for (wanted, &factor) in wanted.iter_mut().zip(row) {
-                *wanted += f64::from(factor) * x[patch];
+                *wanted += factor * x[patch];
             }
         }
         for (found, wanted) in transposed.iter().zip(&wanted) {

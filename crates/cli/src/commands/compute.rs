@@ -1154,7 +1154,10 @@ fn list_rows(report: &Report, list: &mut Listing) {
             format!(
                 "{} expected{}, by {} rays a row (`--verify ROWS` measures it)",
                 small_percent(error),
-                asked.map_or_else(String::new, |asked| format!(", more than the {} asked for", level::percentage(asked))),
+                asked.map_or_else(String::new, |asked| format!(
+                    ", more than the {} asked for",
+                    level::percentage(asked)
+                )),
                 figures(report.rays as f64 / report.rows.max(1) as f64)
             ),
         );

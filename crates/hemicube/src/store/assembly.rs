@@ -97,7 +97,11 @@ mod tests {
 
     fn part(rows: Vec<u32>, indptr: Vec<i64>, indices: Vec<i32>) -> Part {
         Part {
-            data: indices.iter().map(|&column| column as f32 + 0.5).collect::<Vec<f32>>().into(),
+            data: indices
+                .iter()
+                .map(|&column| column as f32 + 0.5)
+                .collect::<Vec<f32>>()
+                .into(),
             rows,
             indptr,
             indices,

@@ -287,7 +287,10 @@ impl CsrFile {
                     return Err(self.no_columns(row));
                 }
                 let codes: Vec<u16> = decode(&read(codes, (start, count))?);
-                Ok((columns, FactorVec::Single(codes.into_iter().map(compact::factor).collect())))
+                Ok((
+                    columns,
+                    FactorVec::Single(codes.into_iter().map(compact::factor).collect()),
+                ))
             }
         }
     }
@@ -389,7 +392,10 @@ impl CsrFile {
                 return Err(self.no_columns(row));
             }
         }
-        Ok((columns, FactorVec::Single(codes.into_iter().map(compact::factor).collect())))
+        Ok((
+            columns,
+            FactorVec::Single(codes.into_iter().map(compact::factor).collect()),
+        ))
     }
 
     fn no_columns(&self, row: u64) -> Error {

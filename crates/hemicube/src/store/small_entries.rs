@@ -47,11 +47,7 @@ impl SmallEntryRule {
 
     /// What is left of a form factor, unrounded.
     pub(crate) fn of(self, factor: f64) -> f64 {
-        if self.keeps(factor) {
-            factor * self.scale
-        } else {
-            0.0
-        }
+        if self.keeps(factor) { factor * self.scale } else { 0.0 }
     }
 }
 

@@ -110,7 +110,9 @@ fn form_factors_that_are_not_the_visible_weight_are_found() {
     // A change of 1e-5 of a factor of a few hundredths is within the closure bound, and not within f32's rounding.
     let found = doctored(|part| {
         let (_, range) = busy_row(part);
-        let largest = range.max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b))).unwrap();
+        let largest = range
+            .max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b)))
+            .unwrap();
         part.data.set(largest, part.data.at(largest) * (1.0 + 5e-6));
     });
     assert!(
@@ -179,7 +181,9 @@ fn a_patch_that_sees_itself_is_found() {
 fn rows_that_do_not_close_are_found_within_the_stated_bound() {
     let lose = |part: &mut Part| {
         let (_, range) = busy_row(part);
-        let largest = range.max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b))).unwrap();
+        let largest = range
+            .max_by(|&a, &b| part.data.at(a).total_cmp(&part.data.at(b)))
+            .unwrap();
         part.data.set(largest, part.data.at(largest) - 1e-3);
     };
     let (directory, sample) = written(22);

@@ -3,7 +3,8 @@
 #![allow(dead_code, reason = "each test program uses its share")]
 
 use hemicube::store::{
-    BackendEntry, FactorVec, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store, StoreWriter,
+    BackendEntry, FactorVec, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store,
+    StoreWriter,
 };
 use npyz::WriterBuilder;
 use serde_json::json;
@@ -129,7 +130,9 @@ impl Sample {
             let mut data = FactorVec::new(form.precision());
             // Where f64 is kept, what f32 does not hold.
             let finer = if form == Form::Double { 1.0 - 1e-12 } else { 1.0 };
-            part.data.iter().for_each(|factor| data.push(form.round(factor * finer)));
+            part.data
+                .iter()
+                .for_each(|factor| data.push(form.round(factor * finer)));
             part.data = data;
         }
         self
