@@ -30,11 +30,17 @@ struct PluginsPage;
 #[doc = include_str!("../../docs/embedding.md")]
 struct EmbeddingPage;
 
+/// The walk's program compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/walks.md")]
+struct WalksPage;
+
 pub mod browser;
 pub mod cases;
 pub mod devices;
 pub mod extremes;
 pub mod geometry;
+pub mod matrices;
 pub mod plugins;
 pub mod promise;
 pub mod quadrature;

@@ -410,7 +410,6 @@ fn what_is_not_there_yet_is_refused_by_name() {
             .is(2)
             .says(words);
     };
-    refused("--correction point", &["not followed by the correction `point`"]);
     refused("--store compact", &["such a matrix is plain"]);
     refused("--min-factor 1e-5", &["such a matrix is plain"]);
     refused("--receivers top", &["mirrors and panes need columns"]);

@@ -443,8 +443,8 @@ pub(crate) fn about(value: f64) -> String {
     count(rounded)
 }
 
-/// Warns of points of a file that are not in the open, by place, with their lines. `places` are of all points or of those
-/// alone.
+/// Warns of a file's points that are not in the open, by place, with their lines. `places` are of all points or of
+/// these alone.
 pub(crate) fn tell_of_places(path: &Path, points: usize, places: impl Iterator<Item = (Place, u64)>, talk: Talk) {
     let places: Vec<(Place, u64)> = places.collect();
     for (place, what, next) in [

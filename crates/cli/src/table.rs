@@ -5,6 +5,7 @@
 //! use the header's separator.
 
 use anyhow::{Context, Result, anyhow, bail};
+use glam::DVec3;
 use std::path::Path;
 
 /// A row and its line in the file, from 1.
@@ -12,6 +13,25 @@ use std::path::Path;
 pub(crate) struct Row<const N: usize> {
     pub(crate) line: u64,
     pub(crate) values: [f64; N],
+}
+
+impl Row<6> {
+    /// The position `x y z` and the direction `nx ny nz` of a point.
+    ///
+    /// # Errors
+    /// For a direction without length.
+    pub(crate) fn looking(&self, path: &Path) -> Result<(DVec3, DVec3)> {
+        let [x, y, z, nx, ny, nz] = self.values;
+        let normal = DVec3::new(nx, ny, nz);
+        if normal.try_normalize().is_none() {
+            bail!(
+                "{}:{}: the point ({x}, {y}, {z}) has no direction to look in: its normal has no length",
+                path.display(),
+                self.line
+            );
+        }
+        Ok((DVec3::new(x, y, z), normal))
+    }
 }
 
 /// Separator of fields.
@@ -260,6 +280,16 @@ fn row<const N: usize>(text: &str, header: Option<&Header<N>>, names: [&str; N])
         *value = number(fields[place])?;
     }
     Ok(values)
+}
+
+/// A field of a comma-separated table; names may hold anything.
+pub(crate) fn field(text: &str) -> String {
+    let text = &*hemicube::analysis::zones::table_text(text);
+    if text.contains(['"', ',', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]

@@ -124,8 +124,8 @@ impl Body {
         }
     }
 
-    /// The kernel k(ω) of each row, per steradian, for a unit vector ω: ∫ k = 1. The horizon, where the halves of sphere
-    /// and cylinder meet, counts for both.
+    /// The kernel k(ω) of each row, per steradian, for a unit vector ω: ∫ k = 1. The horizon counts for both halves of
+    /// sphere and cylinder.
     ///
     /// ```
     /// use hemicube::frame::Horizon;

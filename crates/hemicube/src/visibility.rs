@@ -5,6 +5,7 @@
 //! where it is long, down the tree (`segments`), or `exact` polygons from points. `candidates` finds patches that could
 //! matter though no hemicube saw them.
 
+pub(crate) mod bodies;
 pub(crate) mod candidates;
 pub(crate) mod coplanar;
 pub(crate) mod exact;

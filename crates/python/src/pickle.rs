@@ -1,4 +1,4 @@
-//! What `pickle` keeps: paths, the bytes of a store, arrays and numbers. What comes back is read like a file of a
+//! Contents of a pickle: paths, the bytes of a store, arrays and numbers. What comes back is read like a file of a
 //! stranger, and nothing in it is run.
 
 use crate::errors;

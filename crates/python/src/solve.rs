@@ -23,9 +23,9 @@ type Steps = (u32, f64);
 pub(crate) struct Solution {
     solved: Solved,
     balance: Vec<Terms>,
-    /// Of heat: the temperatures, patch by patch.
+    /// Temperatures of heat, patch by patch.
     temperature: Option<Vec<f64>>,
-    /// Of heat: the irradiance from the surroundings, patch by patch, where there is one state.
+    /// Irradiance of heat from the surroundings, patch by patch, where there is one state.
     outside: Option<Vec<f64>>,
     is_block: bool,
 }
@@ -298,7 +298,7 @@ fn options(method: &str, restart: u32, tolerance: f64, max_iterations: u32, thre
     })
 }
 
-/// How much memory solving has, and who is told.
+/// Memory for solving, and the callback.
 #[derive(Clone, Copy)]
 pub(crate) struct Manner<'a, 'py> {
     pub(crate) options: SolveOptions,

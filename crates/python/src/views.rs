@@ -1,4 +1,4 @@
-//! What sky rows and rows of sensors share: the shares that both have, their matrices, and the words on their arguments.
+//! Common parts of sky rows and rows of sensors: the shares of both, their matrices, and checks of their arguments.
 
 use crate::errors;
 use crate::scene::{Scene, axis};

@@ -7,7 +7,7 @@
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Labels, Triangulation, push_triangles, triangulate};
+use crate::polygon::{Labels, cut_face, push_triangles};
 use crate::{Error, ErrorKind, Findings, Material, Scene, Triangle};
 use glam::DVec3;
 
@@ -252,12 +252,7 @@ impl Faces {
 
     fn add(&mut self, corners: &[DVec3], labels: Labels) -> Result<(), Error> {
         self.bounds.polygon(corners.len())?;
-        self.cut.clear();
-        match triangulate(corners, &mut self.cut) {
-            Triangulation::Done => {}
-            Triangulation::TooFewCorners => self.findings.count("face with fewer than 3 corners"),
-            Triangulation::NoArea => self.findings.count("face without area"),
-        }
+        cut_face(corners, &mut self.cut, &mut self.findings);
         push_triangles(corners, &self.cut, labels, &mut self.triangles);
         Ok(())
     }

@@ -11,6 +11,8 @@
 //! coordinates exact, and points on a line stay on it. Everything is relative to the first corner, so that coordinates
 //! in the millions cost no digits, and in units of a power of two near the extent.
 
+#[cfg(any(feature = "obj", feature = "stl", feature = "ply", feature = "_meshes"))]
+use crate::Findings;
 #[cfg(any(
     feature = "obj",
     feature = "stl",
@@ -127,6 +129,17 @@ pub(crate) struct Labels {
     pub(crate) object: u32,
     pub(crate) material: u32,
     pub(crate) face: u32,
+}
+
+/// Cuts a face into triangles, as `cut`, and counts faces that have none.
+#[cfg(any(feature = "obj", feature = "stl", feature = "ply", feature = "_meshes"))]
+pub(crate) fn cut_face(corners: &[DVec3], cut: &mut Vec<[u32; 3]>, findings: &mut Findings) {
+    cut.clear();
+    match triangulate(corners, cut) {
+        Triangulation::Done => {}
+        Triangulation::TooFewCorners => findings.count("face with fewer than 3 corners"),
+        Triangulation::NoArea => findings.count("face without area"),
+    }
 }
 
 /// Appends the triangles of a face to a scene's.

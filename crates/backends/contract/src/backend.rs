@@ -105,7 +105,7 @@ pub struct Cut {
     pub pieces: u32,
 }
 
-/// What a backend is given to render: surfaces in the octree's order.
+/// A scene for backends to render: surfaces in the octree's order.
 ///
 /// Coordinates are normalised: the middle of the scene's box is the origin, and the longest half side lies in (½, 1],
 /// scaled by a power of two, so that thresholds can be constants whatever the scene's unit.
@@ -121,7 +121,7 @@ pub struct Geometry {
     pub plane_tolerance: f64,
     /// Triangles that the scene was cut from, as far as known: by the first patch of each, ascending.
     cuts: Vec<Cut>,
-    /// What was made of it, see [`Geometry::kept`].
+    /// Values made of it, see [`Geometry::kept`].
     kept: Mutex<HashMap<TypeId, Kept>>,
 }
 
@@ -167,8 +167,8 @@ impl Geometry {
         &self.cuts
     }
 
-    /// Makes a value of the scene once, whatever the number of sessions: one of each type, made when first asked for and
-    /// shared from then on.
+    /// Makes a value of the scene once for all sessions: one of each type, made when first asked for, and shared from
+    /// then on.
     ///
     /// Found by its type, because backends and `hemicube` each keep values of their own, which this crate cannot name.
     ///

@@ -53,7 +53,7 @@ impl EscapedPixels {
         &self.words[row as usize * words..][..words]
     }
 
-    /// As [`Self::row`], to be written. Bits of pixels from N on stay 0.
+    /// [`Self::row`], to be written. Bits of pixels from N on stay 0.
     pub fn row_mut(&mut self, row: u32) -> &mut [u64] {
         let words = self.words_of_row();
         &mut self.words[row as usize * words..][..words]

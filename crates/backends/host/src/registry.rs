@@ -176,7 +176,7 @@ pub enum State {
     },
     /// Another file or the built-in backend has the same name and comes first.
     Shadowed {
-        /// That file; `None`: the built-in backend.
+        /// The file of the backend; `None`: the built-in one.
         by: Option<PathBuf>,
     },
     /// It cannot be used.

@@ -461,6 +461,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
         .prepare(&prepared.scene, &prepared.model, sessions, &watch)
         .map_err(explain)?;
     tell_backend(&run, &prepared, talk);
+    tell_composed(&run, talk);
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
     if let Some(limit) = arguments.patches.memory {
         let rows = forecast_rows(&run, entries_per_row, arguments.batch);
@@ -577,6 +578,17 @@ fn tell_portals(portals: &Portals, talk: Talk) {
             Some(repeats) => format!("{cells}, the scene and its images: {repeats} repeats on either side of a period"),
             None => format!("{cells}, the scene and its images"),
         });
+    }
+}
+
+/// Tells who follows what is seen through mirrors and panes, where the backend does not.
+fn tell_composed(run: &Run<'_>, talk: Talk) {
+    let backend = &run.backend().info().name;
+    if run.plan.portals.specular.is_some() && backend != "cpu" {
+        talk.say(&format!(
+            "`{backend}` renders what is seen directly; what is seen through mirrors and panes is followed on the \
+             processor"
+        ));
     }
 }
 

@@ -11,7 +11,7 @@ use crate::report::{
 };
 use crate::stored;
 use crate::table;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use clap::Args;
 use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
@@ -216,19 +216,8 @@ fn read_points(path: &Path) -> Result<Listed<SensorPoint>> {
             "a point needs the direction that it looks in, its normal `nx ny nz`: `0 0 1` looks up where z is up",
         )
     })? {
-        let [x, y, z, nx, ny, nz] = row.values;
-        let normal = DVec3::new(nx, ny, nz);
-        if normal.try_normalize().is_none() {
-            bail!(
-                "{}:{}: the point ({x}, {y}, {z}) has no direction to look in: its normal has no length",
-                path.display(),
-                row.line
-            );
-        }
-        found.items.push(SensorPoint {
-            position: DVec3::new(x, y, z),
-            normal,
-        });
+        let (position, normal) = row.looking(path)?;
+        found.items.push(SensorPoint { position, normal });
         found.lines.push(row.line);
     }
     Ok(found)

@@ -13,6 +13,7 @@ use crate::picture::model::{self, Camera};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
 use crate::stored;
+use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use hemicube::sky::sky_product;
@@ -827,16 +828,6 @@ fn write_output(
     match OutputFormat::of(path)? {
         OutputFormat::Npz => Ok(stored.write_npz(path)?),
         OutputFormat::Csv => write_csv(stored, store, table, record, path),
-    }
-}
-
-/// A field of a table; names may hold anything.
-fn field(text: &str) -> String {
-    let text = &*hemicube::analysis::zones::table_text(text);
-    if text.contains(['"', ',', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
     }
 }
 

@@ -18,6 +18,7 @@
 //! No table of fractions shared between rows, because rows would then depend on each other. Instead, a pair's samples
 //! and their number follow from quantities that are the same in both directions.
 
+pub(crate) mod exact;
 mod large;
 mod prove;
 pub(crate) mod sums;
@@ -35,6 +36,7 @@ use crate::geometry::{area, centroid, cross};
 use crate::sampling::splitmix;
 use crate::visibility::candidates::{Candidates, Least};
 use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::exact::critical::CriticalCells;
 use crate::visibility::exact::{ExactVisibility, Precision};
 use crate::visibility::segments::Obstacles;
 use crate::visibility::shaft::{Cast, PatchTriangle, RAYS, Shaft};
@@ -239,6 +241,7 @@ pub(crate) struct Refiner<'c> {
     is_probe: Vec<bool>,
     shaft: Shaft,
     exact: ExactVisibility,
+    critical: CriticalCells,
     /// Measurements of this emitter's pairs; the first `measured_before`, of an earlier attempt at the row, ascending.
     measured: Vec<Measured>,
     measured_before: usize,
@@ -355,6 +358,7 @@ impl<'c> Refiner<'c> {
             is_probe: Vec::new(),
             shaft: Shaft::default(),
             exact: ExactVisibility::default(),
+            critical: CriticalCells::default(),
             measured: Vec::new(),
             measured_before: 0,
             measured_of: None,
@@ -403,6 +407,9 @@ impl<'c> Refiner<'c> {
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let emitter = &Emitter::new(model, emitter);
+        if self.refinement.each && self.refinement.tolerance <= exact::FINEST {
+            return self.measure_exactly(emitter, receives);
+        }
         let budget = self.begin(emitter, seen, is_large, receives);
         if self.refinement.each {
             let refined = self.measure_each(emitter);

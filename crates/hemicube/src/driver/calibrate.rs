@@ -15,7 +15,7 @@ mod grouped;
 
 use crate::accuracy::correct::fraction;
 use crate::accuracy::error_model::PriorSums;
-use crate::accuracy::refine::{Pair, Refinement, Refiner};
+use crate::accuracy::refine::{Pair, Refinement, Refiner, exact};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
@@ -148,7 +148,11 @@ pub fn calibrate<'a>(
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
-    let each_up_to = if tolerance < FINEST_OF_RAYS { MANY } else { SMALL };
+    let each_up_to = match tolerance {
+        t if t < FINEST_OF_RAYS => MANY,
+        t if t <= exact::FINEST => exact::MOST_PATCHES,
+        _ => SMALL,
+    };
     if model.patches().len() <= each_up_to && tolerance <= FINE {
         return Ok(each_pair(model, tolerance));
     }
@@ -221,7 +225,11 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
     Calibration {
         refinement: Refinement {
             each: true,
-            rule: FactorRule::for_tolerance(tolerance * 0.1),
+            rule: if tolerance <= exact::FINEST {
+                FactorRule::exact()
+            } else {
+                FactorRule::for_tolerance(tolerance * 0.1)
+            },
             ..Refinement::for_tolerance(tolerance)
         },
         resolution: FINEST,

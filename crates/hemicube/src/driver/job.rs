@@ -435,15 +435,6 @@ impl Job {
         let Some(specular) = &self.portals.specular else {
             return Ok(());
         };
-        if let Asked::Settings {
-            correction: Correction::Point,
-            ..
-        } = self.accuracy
-        {
-            return refused(
-                "mirrors and panes are not followed by the correction `point`; `pixel` and `area` follow them",
-            );
-        }
         if self.form == Some(Form::Compact) || self.min_factor.is_some_and(|least| least > 0.0) {
             return refused(
                 "with mirrors and panes, rows are of what arrives, which may be more than everything: such a matrix is \

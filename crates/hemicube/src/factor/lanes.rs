@@ -170,6 +170,86 @@ fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
     }
 }
 
+/// Sums over edges of Lambert's terms, eight edges at a time, with two weights each.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct EdgeTerms {
+    from: [[f64; LANES]; 3],
+    to: [[f64; LANES]; 3],
+    weights: [[f64; 2]; LANES],
+    filled: usize,
+    normal: [f64; 3],
+    sums: [f64; 2],
+}
+
+impl Default for EdgeTerms {
+    fn default() -> Self {
+        Self {
+            from: [[0.0; LANES]; 3],
+            to: [[0.0; LANES]; 3],
+            weights: [[0.0; 2]; LANES],
+            filled: 0,
+            normal: [0.0; 3],
+            sums: [0.0; 2],
+        }
+    }
+}
+
+impl EdgeTerms {
+    /// Begins elements of a unit normal.
+    pub(crate) fn begin(&mut self, normal: glam::DVec3) {
+        self.normal = normal.to_array();
+        (self.filled, self.sums) = (0, [0.0; 2]);
+    }
+
+    /// Adds the edge from `p` to `q`, seen from an element at the origin.
+    #[inline]
+    pub(crate) fn push(&mut self, p: glam::DVec3, q: glam::DVec3, weights: [f64; 2]) {
+        let l = self.filled;
+        for k in 0..3 {
+            self.from[k][l] = p[k];
+            self.to[k][l] = q[k];
+        }
+        self.weights[l] = weights;
+        self.filled += 1;
+        if self.filled == LANES {
+            self.flush();
+        }
+    }
+
+    /// The weighted sums of factors, and begins new ones.
+    pub(crate) fn finish(&mut self) -> [f64; 2] {
+        self.flush();
+        std::mem::take(&mut self.sums).map(|sum| sum * (-0.5 * std::f64::consts::FRAC_1_PI))
+    }
+
+    fn flush(&mut self) {
+        let mut terms = [0.0; LANES];
+        terms_by(InstructionSet::widest(), self.normal, &self.from, &self.to, &mut terms);
+        for (term, weights) in terms.iter().zip(&self.weights[..self.filled]) {
+            self.sums[0] += term * weights[0];
+            self.sums[1] += term * weights[1];
+        }
+        self.filled = 0;
+    }
+}
+
+dispatch! {
+    fn terms_by = terms_portable(
+        normal: [f64; 3],
+        from: &[[f64; LANES]; 3],
+        to: &[[f64; LANES]; 3],
+        out: &mut [f64; LANES],
+    )
+}
+
+#[inline(always)]
+fn terms_portable(normal: [f64; 3], from: &[[f64; LANES]; 3], to: &[[f64; LANES]; 3], out: &mut [f64; LANES]) {
+    for l in 0..LANES {
+        out[l] = term(normal, [from[0][l], from[1][l], from[2][l]], [to[0][l], to[1][l], to[2][l]]);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

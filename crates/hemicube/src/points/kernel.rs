@@ -19,7 +19,7 @@ use std::sync::OnceLock;
 
 /// Share of a cylinder's mantle in its area.
 const MANTLE: f64 = 4.0 * PERSON_SIDE;
-/// Of both hemispheres' shares, each has a half: densities over one are doubled.
+/// Each hemisphere's share is a half: densities over one are doubled.
 const HALF: f64 = 2.0;
 
 /// A density over the half sphere about an axis, integrating to 1.

@@ -12,11 +12,11 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
 
-/// What is seen of a patch.
+/// Visible part of a patch.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     visible: u64,
-    /// Of the whole outline; `visible` where all of it is seen.
+    /// The whole outline's; `visible` where all of it is seen.
     covered: u64,
     is_whole: bool,
 }

@@ -2,13 +2,15 @@
 //!
 //! - *pixel*: the pixels that see a portal are drawn again as seen through it (`pass`), each with its weight, in whole
 //!   numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
+//! - *point*: likewise, scaled to what closed forms say that the row hands on.
 //! - *area*, *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen through
 //!   them.
 //!   Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its share
 //!   of the tolerance. Two commuting mirrors, as of a duct, make one pair with one closed form for either order.
 //!
-//! What a row's rays may cost is counted in legs between portals: 2²² of *area*, 2²⁵ of a tolerance. Paths are cut off
-//! after that, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
+//! What a row may cost is counted in legs between portals, never timed. With a tolerance T, rays end at 2¹⁸ · max(1 %/T, 1)
+//! legs, segments after as many again, and what they leave is in the expected error. Paths are cut off after 2²² legs, or 2²⁵
+//! with a tolerance, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
 
 use super::aim::Casts;
 use super::gather::{Column, Found, Ledger, apportion};
@@ -37,7 +39,10 @@ const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
 /// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light.
 const HITS: [f64; 2] = [4.0, 8.0];
-/// Legs of a row, without and with a tolerance.
+/// Legs of a row with a tolerance T after which no further rays are cast, and as many again for segments; times
+/// max(1 %/T, 1). What is then left is in the row's expected error. A choice.
+const EFFORT: f64 = 262_144.0;
+/// Legs of a row, without and with a tolerance, after which paths are cut off.
 const LEGS: [u64; 2] = [1 << 22, 1 << 25];
 /// Pairs of a row measured by segments, without and with a tolerance. Choices.
 const PAIRS: [usize; 2] = [128, 1024];
@@ -71,7 +76,26 @@ struct Brought {
     /// Escaped, blocked, unselected, cut off.
     lost: [f64; 4],
     passed: f64,
+    /// The part of `passed` handed on by what is seen directly.
+    sent: f64,
     squared_error: f64,
+}
+
+impl Brought {
+    /// Scales what pixels brought to what closed forms say that the row hands on.
+    fn scale_to(&mut self, sent: f64) {
+        if self.sent > 0.0 {
+            let scale = sent / self.sent;
+            let factors = self.factors.iter_mut().map(|(_, factor)| factor);
+            let rest = self.lost.iter_mut().chain([&mut self.passed]);
+            factors.chain(rest).for_each(|share| *share *= scale);
+        } else {
+            // No pixel shows a portal that the row sees.
+            self.lost[3] += sent;
+            self.passed += sent;
+        }
+        self.sent = sent;
+    }
 }
 
 /// Extends rows, one after the other; one a thread.
@@ -102,7 +126,7 @@ impl<'a> Extender<'a> {
         let specular = portals.specular.as_ref();
         let optics = specular.map_or_else(Vec::new, |specular| specular.by_patch(portals.images.as_ref(), count));
         let tree = Tree::of(model.geometry());
-        let follows_pixels = specular.is_some() && correction == Correction::Pixel;
+        let follows_pixels = specular.is_some() && matches!(correction, Correction::Pixel | Correction::Point);
         Self {
             portals,
             model,
@@ -144,8 +168,12 @@ impl<'a> Extender<'a> {
                 _ if receives(patch) => Column::Of,
                 _ => Column::None,
             };
-            let brought = if self.correction == Correction::Pixel {
-                self.by_pixels(draft.hemicubes, column, session)?
+            let brought = if self.pixels.is_some() {
+                let mut brought = self.by_pixels(draft.hemicubes, column, session)?;
+                if self.correction == Correction::Point {
+                    brought.scale_to(sent);
+                }
+                brought
             } else {
                 self.by_rays(draft.emitter, sent, column)
             };
@@ -231,6 +259,7 @@ impl<'a> Extender<'a> {
                 .collect(),
             lost: [ledger.escaped, ledger.blocked, ledger.unselected, ledger.cut_off].map(|lost| lost as f64 / whole),
             passed: (ledger.sent + passed) as f64 / whole,
+            sent: ledger.sent as f64 / whole,
             squared_error: 0.0,
         })
     }
@@ -241,11 +270,15 @@ impl<'a> Extender<'a> {
         let (tolerance, rule) = match self.correction {
             Correction::Tolerance(refinement) => (Some(refinement.tolerance), refinement.rule),
             Correction::Area(rule) => (None, rule),
+            // Pixels are followed.
             Correction::Pixel | Correction::Point => (None, FactorRule::for_tolerance(1e-2)),
         };
         let level = usize::from(tolerance.is_some());
         let bound = self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
         self.tracer.legs_max = LEGS[level];
+        let effort = EFFORT * tolerance.map_or(1.0, |tolerance| (0.01 / tolerance).max(1.0));
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+        let effort = effort as u64;
         let is_portal = |&(patch, _): &(u32, f64)| {
             let optics = self.tracer.optics.get(patch as usize);
             optics.is_some_and(Optics::is_portal)
@@ -262,7 +295,8 @@ impl<'a> Extender<'a> {
             let seen = self.ledger.entries.values();
             let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
             let permitted = tolerance.map(|tolerance| (PART * tolerance).powi(2) * (factors + through));
-            let is_over = self.tracer.legs >= self.tracer.legs_max || self.cancel.load(Ordering::Relaxed);
+            // The next round takes as many legs as all before it.
+            let is_over = 2 * self.tracer.legs >= effort || self.cancel.load(Ordering::Relaxed);
             let Some(permitted) = permitted else { break None };
             let entries = self.ledger.sorted();
             if casts.rest(&entries, 0, 0.0) <= permitted {
@@ -293,7 +327,8 @@ impl<'a> Extender<'a> {
             lost[3] += sent;
         }
         let most = if is_by_rays { 0 } else { PAIRS[level] };
-        let known = self.measure(&casts, level, (permitted, most), rule, scale);
+        let until = self.tracer.legs.saturating_add(effort);
+        let known = self.measure(&casts, level, (permitted, most, until), rule, scale);
         balanced(sent, &known, lost)
     }
 
@@ -302,7 +337,7 @@ impl<'a> Extender<'a> {
         &mut self,
         casts: &Casts<'_>,
         level: usize,
-        (permitted, most): (Option<f64>, usize),
+        (permitted, most, until): (Option<f64>, usize, u64),
         rule: FactorRule,
         scale: f64,
     ) -> Vec<Known> {
@@ -325,7 +360,7 @@ impl<'a> Extender<'a> {
                 variance: casts.variance(&found),
                 is_by_rays: true,
             };
-            let is_left = measured < most && place < LOOKS * most;
+            let is_left = measured < most && place < LOOKS * most && self.tracer.legs < until;
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
                 let own = self.motions.get(motion).inverse().triangle(emitter.corners);
                 let whole = exchange(&own, &self.model.normalised_corners(patch), &rule) / emitter.area;
@@ -337,6 +372,7 @@ impl<'a> Extender<'a> {
                         patch,
                         least: SEGMENTS[level].0,
                         most: SEGMENTS[level].1,
+                        until,
                         bound: self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound),
                     };
                     let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);
@@ -453,6 +489,7 @@ fn balanced(sent: f64, known: &[Known], mut lost: [f64; 4]) -> Brought {
     let mut brought = Brought {
         lost,
         passed: sent,
+        sent,
         ..Brought::default()
     };
     for entry in known {

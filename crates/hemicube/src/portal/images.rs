@@ -377,7 +377,7 @@ impl ImageSettings {
 }
 
 impl PartialEq for Images {
-    /// Of one cell.
+    /// One cell's.
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.cell, &other.cell) && self.settings == other.settings && self.repeats == other.repeats
     }

@@ -72,6 +72,8 @@ pub(super) struct Through<'e> {
     /// Segments, at least and at most; multiples of 16.
     pub(super) least: usize,
     pub(super) most: usize,
+    /// The tracer's legs after which no further segments are drawn.
+    pub(super) until: u64,
     /// Share of the weight at which paths end.
     pub(super) bound: f64,
 }
@@ -156,7 +158,7 @@ impl Through<'_> {
             } else {
                 CAUTION * ray_shares::error(spread, count)
             };
-            if error <= wanted || count >= self.most || tracer.legs >= tracer.legs_max {
+            if error <= wanted || count >= self.most || tracer.legs >= self.until {
                 return Some(Share {
                     share,
                     passed: if arrived > 0.0 { passed / arrived } else { 0.0 },

@@ -37,7 +37,7 @@ impl Optics {
 /// The mirrors and panes of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Specular {
-    /// Of each patch of the cell.
+    /// By patch of the cell.
     optics: Vec<Optics>,
     /// By the names of objects and materials, for the manifest.
     named: BTreeMap<String, Optics>,

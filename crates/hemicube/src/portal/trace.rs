@@ -18,7 +18,7 @@ pub(super) const PASSES_MAX: u32 = 10_000;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) from: DVec3,
-    /// Of length 1.
+    /// A unit vector.
     pub(super) towards: DVec3,
     /// The plane that it leaves, looking where it goes: nothing in or below it is met.
     pub(super) horizon: Plane,

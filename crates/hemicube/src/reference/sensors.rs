@@ -145,7 +145,7 @@ impl<'m> PointReference<'m> {
         sums.finish()
     }
 
-    /// What a ray meets.
+    /// The first thing that a ray meets.
     fn seen(&self, position: DVec3, direction: DVec3) -> u64 {
         match self.reference.first(position, direction) {
             RayEnd::Nothing if direction.dot(self.horizon.up) >= 0.0 => SKY,

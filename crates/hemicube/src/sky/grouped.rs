@@ -4,8 +4,8 @@
 //! f_Ic = Σ_{i∈I} A_i f_ic / Σ_{i∈I} A_i        weights w_Ic = round(f_Ic · n_I · 2³¹), n_I the elements' hemicubes
 //! ```
 //!
-//! Rounding is by half a unit of 2⁻³¹ / n_I of the hemisphere, and files stay those of integer weights, with their sums.
-//! Elements without a hemicube have no area to speak of, and are left out, as in the rows of the matrix.
+//! Rounding is by half a unit of 2⁻³¹ / n_I of the hemisphere; files keep integer weights with their sums. Elements
+//! without a hemicube have a negligible area and are left out, as in the rows of the matrix.
 
 use super::SkyRow;
 use crate::Model;
@@ -103,8 +103,8 @@ impl Sums {
     }
 }
 
-/// n of the n² hemicubes of an element, `least` or more where the element is large and much stands on it: as in the rows
-/// of a matrix by any correction but pixel sums. Depends on the scene alone.
+/// n of the n² hemicubes of an element, at least `least`, more for large elements with much on them: as in rows of a
+/// matrix by any correction but pixel sums. Depends on the scene alone.
 pub fn hemicubes_along(model: &Model, element: InputPatch, least: u32) -> u32 {
     Grain::of(model.geometry()).per_edge(model, element).max(least)
 }

@@ -14,7 +14,7 @@ const UPRIGHT: f64 = 1.0 - 5e-7;
 #[derive(Clone, Copy, Debug)]
 struct Sums {
     area: f64,
-    /// Of the largest element, for its plane.
+    /// The largest element's, for its plane.
     largest: f64,
     normal: DVec3,
     point: DVec3,

@@ -15,8 +15,7 @@ use zip::{CompressionMethod, DateTime, System, ZipArchive, ZipWriter};
 /// The most members that an archive may have: SciPy writes 5, the patch table has 11.
 const MEMBERS_MAX: usize = 64;
 
-/// What the arrays of an archive may take that are compressed: so many times its file, or [`INFLATED_MIN`] where that
-/// is more.
+/// Most bytes of an archive's compressed arrays, in sizes of its file; [`INFLATED_MIN`] where that is more.
 const INFLATED_RATIO_MAX: u64 = 10;
 
 /// Bytes that compressed arrays may take of the smallest archive.
@@ -159,13 +158,13 @@ impl<W: Write + Seek> Write for NpzWriter<W> {
     }
 }
 
-/// Where an array of an archive is.
+/// Place of an array in an archive.
 #[derive(Clone, Debug)]
 struct Member {
     name: String,
     header: Header,
     count: u64,
-    /// Where the elements begin in the archive, if they are stored.
+    /// Start of the elements in the archive, if they are stored.
     offset: Option<u64>,
     /// CRC-32 of header and elements, by the archive's directory.
     crc: u32,
@@ -287,13 +286,13 @@ impl Npz {
         })
     }
 
-    /// The same, whose stored arrays were held against their CRC before.
+    /// Takes stored arrays as they are: their CRC was checked before.
     pub(crate) fn verified(mut self) -> Self {
         self.verifies = false;
         self
     }
 
-    /// Reads all stored arrays and holds them against their CRC, for who then reads rows at their offsets.
+    /// Checks the CRC of all stored arrays, before rows are read at their offsets.
     pub(crate) fn verify(&mut self) -> Result<()> {
         for member in self.members.iter().filter(|member| member.offset.is_some()) {
             let mut hasher = self.header_crc(member)?;
@@ -362,7 +361,7 @@ impl Npz {
         self.file
     }
 
-    /// Where the elements of an array are; decompressed if they are not simply stored.
+    /// Place of the elements of an array; decompressed if they are not simply stored.
     pub(crate) fn elements(&mut self, name: &str) -> Result<Elements> {
         let (index, member) = self.member(name)?;
         match member.offset {

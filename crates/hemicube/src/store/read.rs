@@ -156,7 +156,7 @@ impl RowTable {
             .collect()
     }
 
-    /// What mirrors and panes handed on of a patch's row ([`Passage`]); 0 without any.
+    /// Share of a patch's row that mirrors and panes handed on ([`Passage`]); 0 without any.
     pub fn passed_of(&self, patch: usize) -> f64 {
         self.passed
             .get(patch)

@@ -82,7 +82,7 @@ pub(super) fn is_plain_row(columns: &[u8], values: EncodedValues<'_>, patch_coun
         }
 }
 
-/// Where the entries of a part come from.
+/// Origin of a part's entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Entries {
     /// A caller: anything may be in them.
@@ -199,12 +199,14 @@ fn require_factors(factors: FactorSlice<'_>, form: Form, end: f32) -> Result<(),
     if form != Form::Compact {
         return Ok(());
     }
-    let is_lost = |&factor: &f32| compact::code(factor).is_none();
-    factors.to_single().into_iter().find(is_lost).map_or(Ok(()), |bad| {
-        Err(format!(
-            "has the form factor {bad}, which the compact form cannot hold,"
-        ))
-    })
+    let mut singles = factors.to_single().into_iter();
+    singles
+        .find(|&factor| compact::code(factor).is_none())
+        .map_or(Ok(()), |bad| {
+            Err(format!(
+                "has the form factor {bad}, which the compact form cannot hold,"
+            ))
+        })
 }
 
 /// Names a row of a patch that does not exist, or that has a row already.

@@ -11,6 +11,8 @@
 //! determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole cells are
 //! proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
 
+pub(crate) mod critical;
+
 use crate::factor::contour;
 use crate::factor::{SIX, point_to_polygon};
 use crate::geometry::{self, in_front, quarters};
@@ -581,7 +583,7 @@ fn without(polygons: &Pieces, triangle: &[DVec3; 3], normal: DVec3, covered: &mu
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::visibility::segments::Obstacles;
     use crate::visibility::shaft::PatchTriangle;
@@ -589,7 +591,7 @@ mod tests {
     use glam::DQuat;
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
-    fn quad([a, b, c, d]: [DVec3; 4]) -> [[DVec3; 3]; 2] {
+    pub(crate) fn quad([a, b, c, d]: [DVec3; 4]) -> [[DVec3; 3]; 2] {
         [[a, b, c], [a, c, d]]
     }
 
@@ -602,7 +604,7 @@ mod tests {
     }
 
     /// Quads as patches, two triangles each; what comes after the first two quads has two sides.
-    fn model_of(quads: &[[[DVec3; 3]; 2]], turn: DQuat) -> Model {
+    pub(crate) fn model_of(quads: &[[[DVec3; 3]; 2]], turn: DQuat) -> Model {
         let triangles = quads.concat().into_iter().enumerate().map(|(k, t)| Triangle {
             corners: t.map(|q| turn * q),
             object: 0,

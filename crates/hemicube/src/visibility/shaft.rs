@@ -224,6 +224,8 @@ pub(crate) struct TrianglePair {
     occluders: Range<usize>,
     /// Occluders so near to one of the planes that rays in f32 cannot tell their side.
     near_plane: Vec<[DVec3; 3]>,
+    /// The region of each of them.
+    near_regions: Vec<u32>,
     /// Patches in the receiver's plane that hide part of it by a smaller id.
     pub(crate) coplanar: Vec<[DVec3; 3]>,
     /// Proved: one region hides all of the receiver.
@@ -412,6 +414,7 @@ impl Shaft {
             receiver_is_smaller,
             occluders: start..start,
             near_plane: Vec::new(),
+            near_regions: Vec::new(),
             coplanar: Vec::new(),
             is_occluded: false,
             is_crowded: false,
@@ -527,6 +530,7 @@ impl Shaft {
                     || all_but_touches(&pair.receiver)
                 {
                     pair.near_plane.push([a, b, c]);
+                    pair.near_regions.push(region);
                 } else {
                     if proves_occluded(regions.corners(region), pair) {
                         pair.is_occluded = true;
@@ -555,6 +559,19 @@ impl Shaft {
                 .map(|p| p - pair.origin)
         });
         listed.chain(pair.near_plane.iter().copied())
+    }
+
+    /// The regions of [`Self::triangles`], one for each.
+    pub(crate) fn regions<'a>(
+        &'a self,
+        regions: &'a CoplanarRegions,
+        pair: &'a TrianglePair,
+    ) -> impl Iterator<Item = u32> + 'a {
+        let listed = self.occluders[pair.occluders.clone()].iter().map(|occluder| {
+            let slot = occluder.slot as usize;
+            regions.tree.blocks[slot / LANES].negative[slot % LANES]
+        });
+        listed.chain(pair.near_regions.iter().copied())
     }
 
     /// Casts rays of a sequence until they are worth `wanted` (a multiple of 16), the same in both directions of a

@@ -30,7 +30,7 @@
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Labels, Triangulation, area_excess, push_triangles, triangulate};
+use crate::polygon::{Labels, area_excess, cut_face, push_triangles};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -389,12 +389,7 @@ impl Reader {
         if !finite {
             self.findings.count("face with a corner that is not finite");
         }
-        self.cut.clear();
-        match triangulate(&self.corners, &mut self.cut) {
-            Triangulation::Done => {}
-            Triangulation::TooFewCorners => self.findings.count("face with fewer than 3 corners"),
-            Triangulation::NoArea => self.findings.count("face without area"),
-        }
+        cut_face(&self.corners, &mut self.cut, &mut self.findings);
         if self.cut.is_empty() {
             return Ok(());
         }

@@ -14,7 +14,7 @@
 //! PLY names neither objects nor units nor an up axis.
 
 use crate::bounds::Bounds;
-use crate::polygon::{Labels, Triangulation, push_triangles, triangulate};
+use crate::polygon::{Labels, cut_face, push_triangles};
 use crate::{Error, Material, ReadOptions, Scene};
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
@@ -169,12 +169,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             };
             corners.push(vertex.position);
         }
-        cut.clear();
-        match triangulate(&corners, &mut cut) {
-            Triangulation::Done => {}
-            Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
-            Triangulation::NoArea => scene.findings.count("face without area"),
-        }
+        cut_face(&corners, &mut cut, &mut scene.findings);
         push_triangles(
             &corners,
             &cut,

@@ -19,7 +19,7 @@
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Labels, Triangulation, push_triangles, triangulate};
+use crate::polygon::{Labels, cut_face, push_triangles};
 use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::path::Path;
@@ -194,12 +194,7 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
             (Place::AfterLoop, b"endfacet") => {
                 bounds.polygon(corners.len()).map_err(|error| error.at(number))?;
                 compare_normal(normal, &corners, &mut scene.findings);
-                cut.clear();
-                match triangulate(&corners, &mut cut) {
-                    Triangulation::Done => {}
-                    Triangulation::TooFewCorners => scene.findings.count("face with fewer than 3 corners"),
-                    Triangulation::NoArea => scene.findings.count("face without area"),
-                }
+                cut_face(&corners, &mut cut, &mut scene.findings);
                 push_triangles(
                     &corners,
                     &cut,

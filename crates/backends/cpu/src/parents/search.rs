@@ -1,5 +1,5 @@
 //! Parent triangles by [`Geometry::cuts`], and of other surfaces by their patches: consecutive ones in the rows of a
-//! lattice, as `hemicube_scene::Subdivision` cuts them, with corners that are the same to the bit where they are shared.
+//! lattice, as `hemicube_scene::Subdivision` cuts them, with shared corners equal to the bit.
 
 use super::{OFF, ParentTriangles};
 use glam::DVec3;

@@ -1,9 +1,9 @@
 //! Exchange factors as `.csv`, `.json` and `.npz`.
 
 use crate::report::PendingFile;
+use crate::table::field;
 use anyhow::{Context, Result, bail};
 use hemicube::analysis::exchange::{Exchange, Network};
-use hemicube::analysis::zones::table_text;
 use hemicube::store::{DurableFile, ElementType, NpzWriter};
 use serde_json::json;
 use std::io::{BufWriter, Write};
@@ -190,14 +190,4 @@ impl Found<'_> {
 /// A number, or nothing.
 fn number(value: Option<f64>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
-}
-
-/// A field of a table; names may hold anything.
-fn field(text: &str) -> String {
-    let text = &*table_text(text);
-    if text.contains(['"', ',', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
 }

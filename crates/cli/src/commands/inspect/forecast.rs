@@ -228,8 +228,8 @@ impl Work {
     }
 }
 
-/// Forecasts a run of all rows by the settings. `prepared` is the processor's seconds that starting, reading and cutting
-/// took.
+/// Forecasts a run of all rows by the settings. `prepared` is the processor time of starting, reading and cutting, in
+/// seconds.
 ///
 /// # Errors
 /// When the backend fails.

@@ -89,8 +89,8 @@ impl Found {
     }
 }
 
-/// The guess of the axis pointing up, where neither a matrix nor its scene tells. `None` also where they cannot be read:
-/// the command says why.
+/// The guess of the axis pointing up, where neither a matrix nor its scene tells. `None` also for unreadable files: the
+/// command says why.
 pub(super) fn guessed_up(store: &Path, scene: &Path) -> Option<Up> {
     crate::stored::guessed_up(&Store::open_trusting(store).ok()?, scene).ok()?
 }

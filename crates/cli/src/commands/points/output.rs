@@ -7,9 +7,9 @@ use crate::exit::hinted;
 use crate::picture::canvas::{Anchor, Canvas, Color, Format as PictureFormat, NOTHING, Rect, WHITE, scale_color};
 use crate::prepare::Prepared;
 use crate::report::{PendingFile, SCHEMA, count, figures};
+use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
-use hemicube::analysis::zones::table_text;
 use hemicube::diagnose::Place;
 use hemicube::points::{SensorRow, Table, sides, write_rows};
 use serde_json::{Map, Value, json};
@@ -249,16 +249,6 @@ pub(super) struct Written<'a> {
     pub(super) sensors: &'a Sensors,
     pub(super) groups: &'a Groups,
     pub(super) rows: &'a [Kept],
-}
-
-/// A field of a table; names may hold anything.
-fn field(text: &str) -> String {
-    let text = &*table_text(text);
-    if text.contains(['"', ',', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
 }
 
 fn place_name(place: Place) -> &'static str {

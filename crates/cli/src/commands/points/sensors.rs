@@ -6,7 +6,7 @@ use crate::args::Talk;
 use crate::exit::hinted;
 use crate::prepare::Prepared;
 use crate::table::{self, Either};
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, anyhow};
 use glam::DVec3;
 use hemicube::diagnose::{Place, places};
 use hemicube::frame::Horizon;
@@ -39,22 +39,10 @@ pub(super) fn read(path: &Path) -> Result<Listed> {
             lines: rows.iter().map(|row| row.line).collect(),
         }),
         Either::Second(rows) => {
-            let mut normals = Vec::new();
-            for row in &rows {
-                let [x, y, z, nx, ny, nz] = row.values;
-                let normal = DVec3::new(nx, ny, nz);
-                if normal.try_normalize().is_none() {
-                    bail!(
-                        "{}:{}: the point ({x}, {y}, {z}) has no direction to look in: its normal has no length",
-                        path.display(),
-                        row.line
-                    );
-                }
-                normals.push(normal);
-            }
-            let position = |[x, y, z, ..]: [f64; 6]| DVec3::new(x, y, z);
+            let points: Result<Vec<_>> = rows.iter().map(|row| row.looking(path)).collect();
+            let (positions, normals) = points?.into_iter().unzip();
             Ok(Listed {
-                positions: rows.iter().map(|row| position(row.values)).collect(),
+                positions,
                 normals: Some(normals),
                 lines: rows.iter().map(|row| row.line).collect(),
             })

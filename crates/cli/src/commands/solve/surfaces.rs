@@ -2,10 +2,11 @@
 
 use crate::escape::shown;
 use crate::report::{Listing, PendingFile, count, counted, percent, table};
+use crate::table::field;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use hemicube::analysis::surfaces::{HeatBalance, SurfaceHeat};
-use hemicube::analysis::zones::{GroupBy, table_text};
+use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::Enclosures;
 use hemicube::store::{PatchTable, RowTable};
 use serde::Serialize;
@@ -335,16 +336,6 @@ fn name_of(name: &str) -> String {
         "(without a name)".to_owned()
     } else {
         shown(name).into_owned()
-    }
-}
-
-/// A field of a table; names may hold anything.
-fn field(text: &str) -> String {
-    let text = &*table_text(text);
-    if text.contains(['"', ',', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
     }
 }
 

@@ -32,8 +32,8 @@ pub(crate) struct Arguments {
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// The patch on which the hemicube stands; with --live the first one; of several triangles (`--store`) the one nearest
-    /// the centroid
+    /// The patch on which the hemicube stands; with --live the first one; of several triangles (`--store`) the one
+    /// nearest the centroid
     #[arg(long, value_name = "I", required_unless_present = "live")]
     pub(crate) patch: Option<u32>,
     /// Show hemicubes in a window as they are computed, in the order of the work: space stops and goes on, Esc ends
@@ -188,8 +188,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// The element that the hemicube of a patch stands on: the patch, or the element with the centroid nearest to that of the
-/// patch, the first of several.
+/// The element under the hemicube of a patch: the patch, or the element with the centroid nearest to the patch's, the
+/// first of several.
 fn standing_of(prepared: &Prepared, patch: InputPatch) -> InputPatch {
     let Some(grouping) = &prepared.grouping else {
         return patch;

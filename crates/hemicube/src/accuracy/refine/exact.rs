@@ -1,0 +1,296 @@
+//! Rows of which every entry keeps the tolerance: exact visibility, pair by pair.
+//!
+//! A pair is proved unoccluded or hidden by its shaft, and then has its closed form to 1e-10 ([`FactorRule::exact`]), or
+//! 0. Otherwise what its occluders block is integrated to an error bound ([`CriticalCells`]):
+//!
+//! ```text
+//! |F − true F| ≤ 0.3 T max(F°, 0.01)
+//! ```
+//!
+//! in both directions, F° the unoccluded factor. A pair with more occluders than that measures falls back to rays; its
+//! expected error is in the row's.
+//!
+//! Quantities of a pair are the same bits from both of its patches. So a table keeps them for the other row: what a row
+//! holds does not depend on which of the two came first.
+//!
+//! [`FactorRule::exact`]: crate::factor::FactorRule::exact
+
+use super::{EACH_RAYS, EACH_SHARE, Pair, Refined, Refiner, SMALL_FACTOR, inverse_area, seed};
+use crate::Model;
+use crate::accuracy::error_model::variance_of_rays;
+use crate::accuracy::row::Emitter;
+use crate::bvh::Tree;
+use crate::factor::exchange;
+use crate::geometry::{Plane, area, bounds, cross};
+use crate::visibility::bodies::Bodies;
+use crate::visibility::candidates::Least;
+use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::exact::critical::Bound;
+use crate::visibility::segments::Obstacles;
+use crate::visibility::shaft::{Cast, PatchTriangle, TrianglePair};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Tolerance up to which entries are measured to a bound, and the number of patches of a scene: a choice.
+pub(crate) const FINEST: f64 = 1e-3;
+pub(crate) const MOST_PATCHES: usize = MOST_KEPT;
+/// Number of patches up to which pairs are kept for their other row: 24 bytes a pair, 50 MB.
+const MOST_KEPT: usize = 2_048;
+/// Bound of the points at one pair, times the number of its occluders and one.
+const MOST_POINTS: usize = 400_000;
+/// Rays at a pair before it is asked how many it needs, and the growth of their number.
+const FIRST_RAYS: usize = 256;
+const GROWTH: usize = 4;
+
+/// A pair, measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct MeasuredPair {
+    /// Unoccluded A_i F_ij.
+    exchange_area: f64,
+    fraction: f64,
+    /// Error of A_i F_ij: a bound, or an expectation by rays.
+    error: f32,
+    /// Number of points or rays.
+    points: u32,
+}
+
+impl MeasuredPair {
+    const HIDDEN: Self = Self {
+        exchange_area: 0.0,
+        fraction: 0.0,
+        error: 0.0,
+        points: 0,
+    };
+}
+
+/// Pairs measured so far at a tolerance, by patches.
+#[derive(Debug)]
+pub(super) struct PairTable {
+    /// Bits of the tolerance.
+    tolerance: u64,
+    /// True for patches of which something in their plane may hide a part: their pairs differ by direction.
+    is_covered: Vec<bool>,
+    pairs: Vec<[AtomicU64; 3]>,
+}
+
+/// The last table of a scene.
+#[derive(Debug, Default)]
+struct LastTable(Mutex<Option<Arc<PairTable>>>);
+
+/// In place of a fraction: not measured. No fraction has these bits.
+const UNKNOWN: u64 = u64::MAX;
+
+impl PairTable {
+    /// The table of a scene for a tolerance, shared by the threads of a run; `None` where it would be too large.
+    fn of(model: &Model, tolerance: f64) -> Option<Arc<Self>> {
+        if model.patches().len() > MOST_KEPT {
+            return None;
+        }
+        let last = model.geometry().kept(|_| LastTable::default());
+        let mut last = last.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = last.take().filter(|table| table.tolerance == tolerance.to_bits());
+        let table = known.unwrap_or_else(|| Arc::new(Self::new(model, tolerance)));
+        *last = Some(Arc::clone(&table));
+        Some(table)
+    }
+
+    fn new(model: &Model, tolerance: f64) -> Self {
+        let count = model.patches().len();
+        let unknown = || [AtomicU64::new(UNKNOWN), AtomicU64::new(0), AtomicU64::new(0)];
+        Self {
+            tolerance: tolerance.to_bits(),
+            is_covered: covered(model),
+            pairs: (0..count * count.saturating_sub(1) / 2).map(|_| unknown()).collect(),
+        }
+    }
+
+    /// The place of a pair that is the same in both directions.
+    fn place(&self, i: u32, j: u32) -> Option<usize> {
+        let (low, high) = (i.min(j) as usize, i.max(j) as usize);
+        let is_symmetric = low != high && !self.is_covered[low] && !self.is_covered[high];
+        is_symmetric.then(|| high * (high - 1) / 2 + low)
+    }
+
+    fn get(&self, place: usize) -> Option<MeasuredPair> {
+        let [fraction, exchange_area, rest] = &self.pairs[place];
+        let fraction = fraction.load(Ordering::Acquire);
+        if fraction == UNKNOWN {
+            return None;
+        }
+        let rest = rest.load(Ordering::Relaxed);
+        #[allow(clippy::cast_possible_truncation, reason = "two halves")]
+        Some(MeasuredPair {
+            exchange_area: f64::from_bits(exchange_area.load(Ordering::Relaxed)),
+            fraction: f64::from_bits(fraction),
+            error: f32::from_bits(rest as u32),
+            points: (rest >> 32) as u32,
+        })
+    }
+
+    fn set(&self, place: usize, pair: MeasuredPair) {
+        let [fraction, exchange_area, rest] = &self.pairs[place];
+        exchange_area.store(pair.exchange_area.to_bits(), Ordering::Relaxed);
+        let both = u64::from(pair.points) << 32 | u64::from(pair.error.to_bits());
+        rest.store(both, Ordering::Relaxed);
+        fraction.store(pair.fraction.to_bits(), Ordering::Release);
+    }
+}
+
+/// Marks patches with another region in their plane whose box overlaps theirs.
+fn covered(model: &Model) -> Vec<bool> {
+    let regions = CoplanarRegions::of(model);
+    let tolerance = model.geometry().plane_tolerance;
+    let patches: Vec<_> = model
+        .patches()
+        .iter()
+        .map(|patch| {
+            let corners = model.normalised_corners(patch.0);
+            let normal = cross(&corners).normalize_or_zero();
+            let plane = Plane {
+                normal,
+                offset: normal.dot(corners[0]),
+            };
+            (regions.of_patch[patch.0 as usize], plane, corners, bounds(&corners))
+        })
+        .collect();
+    let mut marks = vec![false; patches.len()];
+    for (i, (region, plane, _, (low, high))) in patches.iter().enumerate() {
+        marks[i] = patches.iter().any(|(other_region, other, corners, (least, most))| {
+            region != other_region
+                && plane.normal.dot(other.normal).abs() > 0.99
+                && corners.iter().all(|&p| plane.height(p).abs() <= 2.0 * tolerance)
+                && {
+                    let overlap = (high.min(*most) - low.max(*least)).to_array();
+                    overlap.iter().all(|&x| x >= -tolerance) && overlap.iter().filter(|&&x| x > tolerance).count() >= 2
+                }
+        });
+    }
+    marks
+}
+
+impl Refiner<'_> {
+    /// Measures every pair of a row to the tolerance by itself.
+    pub(super) fn measure_exactly(&mut self, emitter: &Emitter<'_>, receives: impl Fn(u32) -> bool) -> Refined {
+        let model = emitter.model;
+        let tree = Tree::of(model.geometry());
+        let regions = CoplanarRegions::of(model);
+        let obstacles = Obstacles::new(model, &regions);
+        let bodies = model.geometry().kept(|_| Bodies::new(&regions));
+        let table = PairTable::of(model, self.refinement.tolerance);
+        let all = Least {
+            near: f64::MIN_POSITIVE,
+            far: f64::MIN_POSITIVE,
+        };
+        self.candidates.find(&tree, emitter.patch.0, &emitter.corners, all);
+        let patches = std::mem::take(&mut self.candidates.patches);
+        self.pairs.clear();
+        let mut refined = Refined::default();
+        for &patch in patches.iter().filter(|&&patch| receives(patch)) {
+            if self.is_cancelled() {
+                refined.cut_short = true;
+                break;
+            }
+            let place = table.as_ref().and_then(|table| table.place(emitter.patch.0, patch));
+            let known = place.and_then(|place| table.as_ref()?.get(place));
+            let measured = known.unwrap_or_else(|| self.measure_to_a_bound(emitter, (obstacles, &bodies), patch));
+            if let (None, Some(place), Some(table)) = (known, place, &table) {
+                table.set(place, measured);
+            }
+            refined.points += u64::from(measured.points);
+            if measured.exchange_area <= 0.0 {
+                continue;
+            }
+            refined.squared_error += (f64::from(measured.error) / emitter.area).powi(2);
+            self.pairs.push(Pair {
+                unoccluded: measured.exchange_area / emitter.area,
+                fraction: measured.fraction,
+                exchange_area: measured.exchange_area,
+                per_area: inverse_area(emitter.area, area(&model.normalised_corners(patch))),
+                ..Pair::unseen(patch)
+            });
+        }
+        self.candidates.patches = patches;
+        refined.squared_norm = self.squared_norm();
+        refined
+    }
+
+    fn measure_to_a_bound(
+        &mut self,
+        emitter: &Emitter<'_>,
+        (obstacles, bodies): (Obstacles<'_>, &Bodies),
+        patch: u32,
+    ) -> MeasuredPair {
+        let corners = emitter.model.normalised_corners(patch);
+        self.shaft.clear();
+        let pair = self
+            .shaft
+            .pair(obstacles, emitter.triangle(), PatchTriangle::new(patch, &corners));
+        if pair.is_occluded {
+            return MeasuredPair::HIDDEN;
+        }
+        let exchange_area = exchange(&emitter.corners, &corners, &self.refinement.rule);
+        let mut measured = MeasuredPair {
+            exchange_area,
+            fraction: 1.0,
+            ..MeasuredPair::HIDDEN
+        };
+        if pair.is_unoccluded() || exchange_area <= 0.0 {
+            return measured;
+        }
+        let least = SMALL_FACTOR * emitter.area.min(area(&corners));
+        let bound = Bound {
+            unoccluded: exchange_area,
+            enough: EACH_SHARE * self.refinement.tolerance * exchange_area.max(least),
+            most_points: MOST_POINTS,
+        };
+        #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
+        if let Some(blocked) = self
+            .critical
+            .measure(&self.shaft, (obstacles.regions, bodies), &pair, bound)
+        {
+            measured.fraction = (1.0 - blocked.exchange / exchange_area).clamp(0.0, 1.0);
+            measured.error = blocked.error as f32;
+            measured.points = blocked.points as u32;
+            return measured;
+        }
+        self.cast_to(
+            bound.enough,
+            obstacles,
+            &pair,
+            seed(emitter.patch.0, patch),
+            &mut measured,
+        );
+        measured
+    }
+
+    /// Measures a fraction by rays to an expected error of the exchange area, with [`EACH_RAYS`] rays at most.
+    fn cast_to(
+        &self,
+        enough: f64,
+        obstacles: Obstacles<'_>,
+        pair: &TrianglePair,
+        seed: u64,
+        measured: &mut MeasuredPair,
+    ) {
+        let mut cast = Cast::default();
+        let mut wanted = FIRST_RAYS;
+        loop {
+            let rays = self.shaft.cast(obstacles, pair, wanted, seed, &mut cast).max(1);
+            let seen = cast.fraction().unwrap_or(0.0);
+            // A few rays that agree do not prove that all would.
+            let smooth = (seen * rays as f64 + 0.5) / (rays as f64 + 1.0);
+            let variance = smooth * (1.0 - smooth) * variance_of_rays(rays as f64);
+            let error = variance.sqrt() * measured.exchange_area;
+            measured.fraction = seen;
+            #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
+            {
+                measured.error = error as f32;
+                measured.points = cast.drawn as u32;
+            }
+            if error <= enough || wanted >= EACH_RAYS {
+                return;
+            }
+            wanted *= GROWTH;
+        }
+    }
+}

@@ -1,0 +1,992 @@
+//! The blocked part of a pair's exchange area to a bound of its error, however small: cells cut along critical lines.
+//!
+//! ```text
+//! A_i F_ij = E − ∫_outer B(x) dx,   B(x) = −1/(2π) Σ_edges n · (p × q) / |p × q| · angle(p, q)
+//! ```
+//!
+//! E is the unoccluded exchange area, in closed form, B(x) the factor from x of the part of the inner triangle in the
+//! shadows of its occluders (Lambert 1760). So what is singular where the two triangles touch is in E, not in the
+//! integral.
+//!
+//! B is analytic but on critical lines: there a corner of one shape passes an edge of another, seen from x, in a plane
+//! through both (EV events; Heckbert 1992, Drettakis & Fiume 1994). Across such a line B has a kink in its second
+//! derivative, in its first one where edges are parallel, and a step where an occluder stands on the outer triangle.
+//! Cells are integrated by Radon's seven points of degree 5, and by nineteen of degree 8 that hold these seven (Laurie
+//! 1982). The cell with the largest difference of the two is cut along the critical line that divides it most evenly,
+//! or in halves where none does, until all differences together are small enough. Places where three edges pass
+//! each other (EEE events) are curved; they are left to the halving.
+//!
+//! No arrangement of all critical lines from the start, because a pair between two boxes has a hundred of them, and
+//! thousands of cells, of which a few hold all of the error.
+
+use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, without};
+use crate::factor::{EdgeTerms, contour, nineteen};
+use crate::geometry::{self, crossing, in_front};
+use crate::visibility::bodies::Bodies;
+use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::shaft::{Shaft, TrianglePair};
+use glam::DVec3;
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+use std::ops::Range;
+
+/// Number of points of a cell.
+const POINTS: usize = 19;
+
+/// Bound of the shadows' pieces from one point.
+const MOST_PIECES: usize = 200;
+/// Bound of a piece's corners: eight, and one more for each plane of a cone.
+const MOST_CORNERS: usize = 20;
+/// Pieces with more corners are cut in two.
+const MANY: usize = 8;
+/// Bound of the occluders among which lines of an edge of one and a corner of another are sought.
+const MOST_CROSSED: usize = 12;
+/// Bound of the critical lines of a pair.
+const MOST_LINES: usize = 2_000;
+/// Distance in the outer plane, in parts of the pair's extent, up to which a line passes beside a cell.
+const BESIDE: f64 = 1e-10;
+/// Share of a cell's area below which the part beyond a line is not worth a cut.
+const LEAST_SHARE: f64 = 0.02;
+/// Part of a cell's factor, for the square of the share of area beyond a critical line, that its points may miss there.
+const MISSED: f64 = 0.05;
+/// Bound of the divisions of the outer triangle down to a cell.
+const MOST_DEPTH: u32 = 60;
+
+type Shape = geometry::Polygon<MOST_CORNERS>;
+
+/// A line on which the blocked factor is not analytic.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    /// n · x − `offset`, in the outer plane the distance from the line.
+    normal: DVec3,
+    offset: f64,
+    /// The edge and the corner that pass each other; `None` for the plane of an occluder.
+    event: Option<([DVec3; 2], DVec3)>,
+    /// The occluders that it is of; the same twice if it is of one.
+    of: [u32; 2],
+    /// True if an occluder stands on the outer triangle there: B has a step.
+    is_contact: bool,
+}
+
+/// A cell of the outer triangle.
+#[derive(Clone, Debug)]
+struct Cell {
+    corners: [DVec3; 3],
+    relevant: Range<usize>,
+    lines: Range<usize>,
+    /// ∫ B by degree 8.
+    value: f64,
+    /// |difference from degree 5|.
+    difference: f64,
+    /// Error bound of `value`.
+    error: f64,
+    depth: u32,
+    /// Order of creation: between equal errors it decides.
+    number: u32,
+}
+
+impl PartialEq for Cell {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+impl Eq for Cell {}
+impl PartialOrd for Cell {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Cell {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.error.total_cmp(&other.error).then(other.number.cmp(&self.number))
+    }
+}
+
+/// What a point sees of the target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Seen {
+    All,
+    Part,
+    None,
+}
+
+/// The blocked part of an exchange area.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BlockedExchange {
+    /// ∫ B dx, in squared units.
+    pub(crate) exchange: f64,
+    /// Error bound of `exchange`: the sum over cells of the differences of two orders.
+    pub(crate) error: f64,
+    /// Number of points.
+    pub(crate) points: usize,
+}
+
+/// Precision of a measurement.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bound {
+    /// Unoccluded exchange area.
+    pub(crate) unoccluded: f64,
+    /// Error of the exchange area at which the measurement ends.
+    pub(crate) enough: f64,
+    /// Number of points at which it ends, about, times the number of occluders and one.
+    pub(crate) most_points: usize,
+}
+
+/// Measures blocked exchange areas, one pair after the other.
+#[derive(Debug, Default)]
+pub(crate) struct CriticalCells {
+    occluders: Vec<Occluder>,
+    /// True for faces of convex bodies round which the outer triangle lies: they matter from their front only.
+    is_face: Vec<bool>,
+    regions: Vec<u32>,
+    lines: Vec<Line>,
+    /// Indices of occluders and of lines: each cell has a run of either.
+    relevant: Vec<u32>,
+    crossing: Vec<u32>,
+    /// Planes of the cones of one point's shadows, and the end of each shadow's.
+    cones: Vec<DVec3>,
+    cone_ends: Vec<usize>,
+    /// The pieces of one point's shadows; of one shadow; and of that less another.
+    pieces: Vec<Shape>,
+    own: Vec<Shape>,
+    next: Vec<Shape>,
+    terms: EdgeTerms,
+    points: usize,
+    created: u32,
+    slack: f64,
+    beside: f64,
+}
+
+/// What a pair's cells have in common.
+struct View<'a> {
+    target: &'a [DVec3],
+    inner: &'a [DVec3; 3],
+    /// Mean unoccluded factor.
+    mean: f64,
+    /// Error at which a hidden cell is evaluated in closed form.
+    enough: f64,
+}
+
+impl CriticalCells {
+    /// Measures the blocked exchange area of a pair to `bound.enough`. `None` if the pair has too many occluders, its
+    /// shadows fall in too many pieces, or nothing of one triangle is in front of the other.
+    pub(crate) fn measure(
+        &mut self,
+        shaft: &Shaft,
+        (regions, bodies): (&CoplanarRegions, &Bodies),
+        pair: &TrianglePair,
+        bound: Bound,
+    ) -> Option<BlockedExchange> {
+        (self.points, self.created) = (0, 0);
+        if pair.is_crowded {
+            return None;
+        }
+        let (emitter, receiver) = (&pair.emitter, &pair.receiver);
+        let tolerance = regions.tree.plane_tolerance;
+        let unit = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
+        let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
+        let corners = emitter.iter().chain(receiver);
+        let size = corners.map(|p| p.length_squared()).fold(0.0, f64::max).sqrt();
+        (self.slack, self.beside) = (ROUNDING * size.powi(3), BESIDE * size);
+        self.list_occluders(shaft, (regions, bodies), pair, [emitter_normal, receiver_normal])?;
+        let (outer, inner, outer_normal, inner_normal) = if pair.receiver_is_smaller {
+            (receiver, emitter, receiver_normal, emitter_normal)
+        } else {
+            for triangle in &pair.coplanar {
+                self.push_occluder(Polygon::of(triangle), false);
+            }
+            (emitter, receiver, emitter_normal, receiver_normal)
+        };
+        if self.occluders.len() > MOST_OCCLUDERS {
+            return None;
+        }
+        let target = in_front(inner, outer[0], outer_normal, 0.0)?;
+        let from = in_front(outer, inner[0], inner_normal, 0.0)?;
+        self.find_lines(target.corners(), outer, outer_normal, tolerance);
+        let view = View {
+            target: target.corners(),
+            inner,
+            mean: bound.unoccluded / geometry::area(outer),
+            enough: 1e-3 * bound.enough,
+        };
+        self.relevant.clear();
+        self.crossing.clear();
+        #[allow(clippy::cast_possible_truncation, reason = "bounded numbers")]
+        {
+            self.relevant.extend(0..self.occluders.len() as u32);
+            self.crossing.extend(0..self.lines.len() as u32);
+        }
+        let root = (0..self.relevant.len(), 0..self.crossing.len());
+        // If the receiver is the outer one, its part under a coplanar patch is seen from nowhere.
+        let (mut seen, mut covered) = (super::Pieces::default(), super::Pieces::default());
+        seen.push(from.corners().iter().copied());
+        if pair.receiver_is_smaller {
+            for triangle in &pair.coplanar {
+                seen = without(&seen, triangle, receiver_normal, &mut covered);
+            }
+        }
+        let mut fixed = 0.0;
+        for fan in covered.as_slice().iter().map(Polygon::corners) {
+            for k in 1..fan.len().saturating_sub(1) {
+                fixed += hidden(&[fan[0], fan[k], fan[k + 1]], &view);
+            }
+        }
+        self.terms.begin(outer_normal);
+        let mut cells = BinaryHeap::new();
+        for fan in seen.as_slice().iter().map(Polygon::corners) {
+            for k in 1..fan.len().saturating_sub(1) {
+                self.add([fan[0], fan[k], fan[k + 1]], (&root.0, &root.1), 0, &view, &mut cells)?;
+            }
+        }
+        let found = self.refine(cells, &view, bound)?;
+        Some(BlockedExchange {
+            exchange: found.exchange + fixed,
+            ..found
+        })
+    }
+
+    /// Cuts the worst cells until the sum of all errors is small enough.
+    fn refine(&mut self, mut cells: BinaryHeap<Cell>, view: &View<'_>, bound: Bound) -> Option<BlockedExchange> {
+        let mut error: f64 = cells.iter().map(|cell| cell.error).sum();
+        let most_points = bound.most_points / (self.occluders.len() + 1);
+        while error > bound.enough && self.points < most_points {
+            let Some(worst) = cells.pop() else { break };
+            if worst.error <= 0.0 || worst.depth >= MOST_DEPTH {
+                cells.push(worst);
+                break;
+            }
+            let mut parts = BinaryHeap::new();
+            self.divide(&worst, view, &mut parts)?;
+            // Where differences fall by their order, degree 8 is far better than its difference from degree 5.
+            let differences: f64 = parts.iter().map(|part| part.difference).sum();
+            let fall = if worst.difference > 0.0 {
+                (2.0 * differences / worst.difference).clamp(0.02, 1.0)
+            } else {
+                1.0
+            };
+            error -= worst.error;
+            for mut part in parts {
+                if part.lines.is_empty() {
+                    part.error *= fall;
+                }
+                error += part.error;
+                cells.push(part);
+            }
+            if error <= bound.enough {
+                // Without the rounding of sums and differences.
+                error = cells.iter().map(|cell| cell.error).sum();
+            }
+        }
+        Some(BlockedExchange {
+            exchange: cells.iter().map(|cell| cell.value).sum(),
+            error: cells.iter().map(|cell| cell.error).sum(),
+            points: self.points,
+        })
+    }
+
+    /// Lists the occluders, whole regions, each cut at both planes.
+    fn list_occluders(
+        &mut self,
+        shaft: &Shaft,
+        (regions, bodies): (&CoplanarRegions, &Bodies),
+        pair: &TrianglePair,
+        normals: [DVec3; 2],
+    ) -> Option<()> {
+        let tolerance = regions.tree.plane_tolerance;
+        self.occluders.clear();
+        self.regions.clear();
+        self.is_face.clear();
+        let outer = if pair.receiver_is_smaller {
+            &pair.receiver
+        } else {
+            &pair.emitter
+        };
+        let outer = outer.map(|p| p + pair.origin);
+        for region in shaft.regions(regions, pair) {
+            if self.regions.contains(&region) {
+                continue;
+            }
+            if self.regions.len() > MOST_OCCLUDERS {
+                return None;
+            }
+            self.regions.push(region);
+            let mut outline = Polygon::EMPTY;
+            for &corner in regions.corners(region) {
+                outline.push(corner - pair.origin);
+            }
+            for (normal, on) in normals.into_iter().zip([pair.emitter[0], pair.receiver[0]]) {
+                outline = outline.split(normal, normal.dot(on), tolerance).0;
+            }
+            self.push_occluder(outline, bodies.is_outside(region, &outer));
+        }
+        Some(())
+    }
+
+    fn push_occluder(&mut self, outline: Polygon, is_face: bool) {
+        let corners = outline.corners();
+        if corners.len() < 3 {
+            return;
+        }
+        let sum = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
+        let normal: DVec3 = (1..corners.len() - 1).map(sum).sum();
+        if normal != DVec3::ZERO {
+            self.occluders.push(Occluder { outline, normal });
+            self.is_face.push(is_face);
+        }
+    }
+
+    /// Returns whether an occluder is a face whose front no point of a cell sees.
+    fn is_turned_away(&self, occluder: u32, cell: &[DVec3; 3]) -> bool {
+        let Occluder { outline, normal } = &self.occluders[occluder as usize];
+        let on = outline.corners()[0];
+        self.is_face[occluder as usize] && cell.iter().all(|&x| normal.dot(x - on) <= 0.0)
+    }
+
+    /// Finds the critical lines of the outer plane.
+    fn find_lines(&mut self, target: &[DVec3], outer: &[DVec3; 3], normal: DVec3, tolerance: f64) {
+        self.lines.clear();
+        let mut lines = std::mem::take(&mut self.lines);
+        let plane = OuterPlane {
+            normal,
+            outer,
+            beside: self.beside,
+        };
+        let bodies = bodies(&self.occluders);
+        for (k, occluder) in (0u32..).zip(&self.occluders) {
+            let outline = occluder.outline.corners();
+            let stands = outline
+                .iter()
+                .filter(|&&p| normal.dot(p - outer[0]).abs() <= 4.0 * tolerance)
+                .count();
+            plane.push(&mut lines, occluder.normal, outline[0], None, [k; 2]);
+            if let Some(line) = lines
+                .last_mut()
+                .filter(|line| line.event.is_none() && line.of == [k; 2])
+            {
+                line.is_contact = stands >= 2;
+            }
+            for (a, b) in occluder.outline.edges() {
+                for &corner in target {
+                    let across = (b - a).cross(corner - a);
+                    if !self.is_inside(k, a, b, across) {
+                        plane.push(&mut lines, across, a, Some(([a, b], corner)), [k; 2]);
+                    }
+                }
+            }
+            for (t, &a) in target.iter().enumerate() {
+                let b = target[(t + 1) % target.len()];
+                for &corner in outline {
+                    plane.push(&mut lines, (b - a).cross(corner - a), a, Some(([a, b], corner)), [k; 2]);
+                }
+            }
+        }
+        if self.occluders.len() <= MOST_CROSSED {
+            for (k, one) in (0u32..).zip(&self.occluders) {
+                for (m, other) in (0u32..).zip(&self.occluders) {
+                    if bodies[k as usize] == bodies[m as usize] {
+                        continue;
+                    }
+                    for (a, b) in one.outline.edges() {
+                        for &corner in other.outline.corners() {
+                            if lines.len() < MOST_LINES {
+                                let across = (b - a).cross(corner - a);
+                                plane.push(&mut lines, across, a, Some(([a, b], corner)), [k, m]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        self.lines = lines;
+    }
+
+    /// Returns whether an edge of occluder `k` is no outline of its body: another one with the same edge lies on the
+    /// other side of the plane through it with this normal.
+    fn is_inside(&self, k: u32, a: DVec3, b: DVec3, across: DVec3) -> bool {
+        let near = |p: DVec3, q: DVec3| p.distance_squared(q) <= self.beside * self.beside;
+        let side = |occluder: &Occluder| {
+            let corners = occluder.outline.corners();
+            across.dot(corners.iter().sum::<DVec3>() / corners.len() as f64 - a)
+        };
+        let own = side(&self.occluders[k as usize]);
+        (0u32..).zip(&self.occluders).any(|(m, other)| {
+            m != k
+                && other
+                    .outline
+                    .edges()
+                    .any(|(c, d)| (near(a, d) && near(b, c)) || (near(a, c) && near(b, d)))
+                && own * side(other) < 0.0
+        })
+    }
+
+    /// Adds a cell: cut where occluders stand on it, then evaluated.
+    fn add(
+        &mut self,
+        corners: [DVec3; 3],
+        parent: (&Range<usize>, &Range<usize>),
+        depth: u32,
+        view: &View<'_>,
+        out: &mut BinaryHeap<Cell>,
+    ) -> Option<()> {
+        if geometry::area(&corners) <= 0.0 {
+            return Some(());
+        }
+        let start = self.relevant.len();
+        let mut is_hidden = false;
+        for at in parent.0.clone() {
+            let index = self.relevant[at];
+            if self.is_turned_away(index, &corners) {
+                continue;
+            }
+            match self.occluders[index as usize].effect(&corners, view.target, self.slack) {
+                Effect::Nothing => {}
+                Effect::All => {
+                    is_hidden = true;
+                    break;
+                }
+                Effect::Part => self.relevant.push(index),
+            }
+        }
+        let number = self.created;
+        self.created += 1;
+        let mut cell = Cell {
+            corners,
+            relevant: start..start,
+            lines: self.crossing.len()..self.crossing.len(),
+            value: 0.0,
+            difference: 0.0,
+            error: 0.0,
+            depth,
+            number,
+        };
+        if is_hidden {
+            self.relevant.truncate(start);
+            cell.value = hidden(&corners, view);
+            out.push(cell);
+            return Some(());
+        }
+        if self.relevant.len() == start {
+            return Some(());
+        }
+        cell.relevant = start..self.relevant.len();
+        let first = self.crossing.len();
+        let mut contact = None;
+        let mut largest = 0.0_f64;
+        for at in parent.1.clone() {
+            let index = self.crossing[at];
+            let line = &self.lines[index as usize];
+            if !line.of.iter().all(|k| self.relevant[cell.relevant.clone()].contains(k)) {
+                continue;
+            }
+            let heights = line.heights(&corners, self.beside);
+            let Some(share) = share_beyond(heights) else { continue };
+            if !line.is_active(&corners, heights) {
+                continue;
+            }
+            if line.is_contact && contact.is_none() {
+                contact = Some(heights);
+            }
+            largest = largest.max(share);
+            self.crossing.push(index);
+        }
+        cell.lines = first..self.crossing.len();
+        if let Some(heights) = contact
+            && depth < MOST_DEPTH
+        {
+            for part in cut(&corners, heights).into_iter().flatten() {
+                self.add(part, (&cell.relevant, &cell.lines), depth + 1, view, out)?;
+            }
+            return Some(());
+        }
+        let is_blind = self.evaluate(&mut cell, view)?;
+        cell.error = cell.difference;
+        if is_blind {
+            // All points see the same: a shadow that enters beyond a line may have been missed.
+            let missed = MISSED * largest * largest * view.mean * geometry::area(&corners);
+            cell.error = cell.error.max(missed);
+        }
+        out.push(cell);
+        Some(())
+    }
+
+    /// Divides a cell: along a critical line, or through its longest side.
+    fn divide(&mut self, cell: &Cell, view: &View<'_>, out: &mut BinaryHeap<Cell>) -> Option<()> {
+        let mut best: Option<([f64; 3], f64)> = None;
+        for at in cell.lines.clone() {
+            let heights = self.lines[self.crossing[at] as usize].heights(&cell.corners, self.beside);
+            if let Some(share) = share_beyond(heights)
+                && best.is_none_or(|(_, most)| share > most)
+            {
+                best = Some((heights, share));
+            }
+        }
+        let is_missed = cell.error > cell.difference;
+        if let Some((heights, share)) = best
+            && (share >= LEAST_SHARE || is_missed)
+        {
+            for part in cut(&cell.corners, heights).into_iter().flatten() {
+                self.add(part, (&cell.relevant, &cell.lines), cell.depth + 1, view, out)?;
+            }
+            return Some(());
+        }
+        let lengths = [0, 1, 2].map(|k| cell.corners[k].distance_squared(cell.corners[(k + 1) % 3]));
+        let longest = (0..3).fold(0, |best, k| if lengths[k] > lengths[best] { k } else { best });
+        let [a, b, c] = [0, 1, 2].map(|k| cell.corners[(longest + k) % 3]);
+        let middle = (a + b) * 0.5;
+        for part in [[a, middle, c], [middle, b, c]] {
+            self.add(part, (&cell.relevant, &cell.lines), cell.depth + 1, view, out)?;
+        }
+        Some(())
+    }
+
+    /// Integrates B over a cell by both rules; returns whether all its points see nothing blocked, or nothing else.
+    fn evaluate(&mut self, cell: &mut Cell, view: &View<'_>) -> Option<bool> {
+        let (mut open, mut hidden) = (0, 0);
+        let area = geometry::area(&cell.corners);
+        for (x, weights) in nineteen(&cell.corners) {
+            self.points += 1;
+            match self.point(x, weights, &cell.relevant, view)? {
+                Seen::All => open += 1,
+                Seen::None => hidden += 1,
+                Seen::Part => {}
+            }
+        }
+        let [fifth, eighth] = self.terms.finish().map(|sum| sum * area);
+        cell.value = eighth;
+        cell.difference = (eighth - fifth).abs();
+        Some(open == POINTS || hidden == POINTS)
+    }
+
+    /// Adds the edges of the shadows seen from `x`. `None` if there are too many pieces.
+    fn point(&mut self, x: DVec3, weights: [f64; 2], relevant: &Range<usize>, view: &View<'_>) -> Option<Seen> {
+        let mut target = Shape::EMPTY;
+        for &corner in view.target {
+            target.push(corner - x);
+        }
+        self.cones.clear();
+        self.cone_ends.clear();
+        self.pieces.clear();
+        let (mut part, mut rest) = (Shape::EMPTY, Shape::EMPTY);
+        let mut seen = Seen::All;
+        for at in relevant.clone() {
+            let index = self.relevant[at] as usize;
+            let occluder = &self.occluders[index];
+            let outline = occluder.outline.corners();
+            let side = occluder.normal.dot(x - outline[0]);
+            if side == 0.0 || (side < 0.0 && self.is_face[index]) {
+                continue;
+            }
+            // Planes of the cone over the occluder, positive inside.
+            let start = self.cones.len();
+            let mut before = outline[outline.len() - 1] - x;
+            for &corner in outline {
+                let corner = corner - x;
+                let n = before.cross(corner);
+                self.cones.push(if side < 0.0 { n } else { -n });
+                before = corner;
+            }
+            let is_beside = |n: &DVec3| target.corners().iter().all(|p| n.dot(*p) <= 0.0);
+            if self.cones[start..].iter().any(is_beside) {
+                self.cones.truncate(start);
+                continue;
+            }
+            let mut inside = target;
+            let mut is_whole = true;
+            for n in &self.cones[start..] {
+                if inside.corners().iter().all(|p| n.dot(*p) >= 0.0) {
+                    continue;
+                }
+                is_whole = false;
+                inside.split_into(*n, 0.0, 0.0, &mut part, &mut rest);
+                std::mem::swap(&mut inside, &mut part);
+                if inside.len() < 3 {
+                    break;
+                }
+            }
+            if is_whole {
+                self.pieces.clear();
+                self.pieces.push(target);
+                seen = Seen::None;
+                break;
+            }
+            if inside.len() < 3 {
+                self.cones.truncate(start);
+                continue;
+            }
+            seen = Seen::Part;
+            self.own.clear();
+            keep(&mut self.own, &inside);
+            self.take_earlier(start);
+            self.pieces.append(&mut self.own);
+            self.cone_ends.push(self.cones.len());
+            if self.pieces.len() > MOST_PIECES {
+                return None;
+            }
+        }
+        for piece in &self.pieces {
+            let corners = piece.corners();
+            let mut before = corners[corners.len() - 1];
+            for &corner in corners {
+                self.terms.push(before, corner, weights);
+                before = corner;
+            }
+        }
+        Some(seen)
+    }
+
+    /// Takes the shadows before this one away from its pieces; `end` is the end of their planes.
+    fn take_earlier(&mut self, end: usize) {
+        let (mut within, mut outside) = (Shape::EMPTY, Shape::EMPTY);
+        let mut from = 0;
+        for &to in &self.cone_ends {
+            if to > end {
+                break;
+            }
+            let cone = &self.cones[from..to];
+            from = to;
+            self.next.clear();
+            for piece in &self.own {
+                let is_beside = |n: &DVec3| piece.corners().iter().all(|p| n.dot(*p) <= self.slack);
+                if cone.iter().any(is_beside) {
+                    self.next.push(*piece);
+                    continue;
+                }
+                let mut inside = *piece;
+                for n in cone {
+                    inside.split_into(*n, 0.0, self.slack, &mut within, &mut outside);
+                    if outside.len() >= 3 {
+                        keep(&mut self.next, &outside);
+                    }
+                    std::mem::swap(&mut inside, &mut within);
+                    if inside.len() < 3 {
+                        break;
+                    }
+                }
+            }
+            std::mem::swap(&mut self.own, &mut self.next);
+            if self.own.is_empty() {
+                return;
+            }
+        }
+    }
+}
+
+/// Appends a polygon, in two if it has more than [`MANY`] corners.
+fn keep(pieces: &mut Vec<Shape>, polygon: &Shape) {
+    let corners = polygon.corners();
+    if corners.len() <= MANY {
+        pieces.push(*polygon);
+        return;
+    }
+    let middle = corners.len() / 2;
+    pieces.push(Shape::of(&corners[..=middle]));
+    let mut second = Shape::of(&corners[middle..]);
+    second.push(corners[0]);
+    pieces.push(second);
+}
+
+/// The exchange area of a cell from which nothing is seen, all of it blocked.
+fn hidden(cell: &[DVec3; 3], view: &View<'_>) -> f64 {
+    let share = view.enough / geometry::area(cell);
+    contour::exchange(cell, view.inner, contour::Precision::of_area(share.clamp(1e-14, 1e-5)))
+}
+
+/// Numbers the bodies: occluders with a common corner are of one.
+fn bodies(occluders: &[Occluder]) -> Vec<usize> {
+    let mut body: Vec<usize> = (0..occluders.len()).collect();
+    for k in 0..occluders.len() {
+        for m in 0..k {
+            let touch = occluders[k]
+                .outline
+                .corners()
+                .iter()
+                .any(|p| occluders[m].outline.corners().contains(p));
+            if touch && body[k] != body[m] {
+                let (from, to) = (body[k].max(body[m]), body[k].min(body[m]));
+                body.iter_mut().filter(|b| **b == from).for_each(|b| *b = to);
+            }
+        }
+    }
+    body
+}
+
+/// The plane in which lines are found.
+struct OuterPlane<'a> {
+    normal: DVec3,
+    outer: &'a [DVec3; 3],
+    beside: f64,
+}
+
+impl OuterPlane<'_> {
+    /// Appends the line in which the plane through `on` with normal `across` meets the outer triangle, if it does.
+    fn push(&self, lines: &mut Vec<Line>, across: DVec3, on: DVec3, event: Option<([DVec3; 2], DVec3)>, of: [u32; 2]) {
+        let within = across - self.normal * across.dot(self.normal);
+        let length = within.length();
+        if length <= 1e-9 * across.length() || length == 0.0 {
+            return;
+        }
+        let line = Line {
+            normal: across / length,
+            offset: across.dot(on) / length,
+            event,
+            of,
+            is_contact: false,
+        };
+        if share_beyond(line.heights(self.outer, self.beside)).is_some() {
+            lines.push(line);
+        }
+    }
+}
+
+impl Line {
+    /// Distances of a cell's corners from the line; 0 for corners on it.
+    fn heights(&self, cell: &[DVec3; 3], beside: f64) -> [f64; 3] {
+        cell.map(|p| {
+            let height = self.normal.dot(p) - self.offset;
+            if height.abs() <= beside { 0.0 } else { height }
+        })
+    }
+
+    /// Returns whether the corner passes the edge, seen from the part of the line in the cell, and not its extension.
+    fn is_active(&self, cell: &[DVec3; 3], heights: [f64; 3]) -> bool {
+        let Some(([a, b], corner)) = self.event else {
+            return true;
+        };
+        let (mut below, mut above) = (true, true);
+        for k in 0..3 {
+            let next = (k + 1) % 3;
+            let (hp, hq) = (heights[k], heights[next]);
+            let x = if hp == 0.0 {
+                cell[k]
+            } else if hp * hq < 0.0 {
+                crossing(cell[k], cell[next], hp, hq)
+            } else {
+                continue;
+            };
+            let across = self.normal.cross(corner - x);
+            let (at, length) = (across.dot(x - a), across.dot(b - a));
+            if length == 0.0 {
+                return true;
+            }
+            let along = at / length;
+            below &= along < -1e-9;
+            above &= along > 1.0 + 1e-9;
+        }
+        !below && !above
+    }
+}
+
+/// The share of a cell's area on the smaller side of a line; `None` if the line passes beside it.
+fn share_beyond(heights: [f64; 3]) -> Option<f64> {
+    let positive = heights.iter().filter(|&&h| h > 0.0).count();
+    let negative = heights.iter().filter(|&&h| h < 0.0).count();
+    if positive == 0 || negative == 0 {
+        return None;
+    }
+    // The corner that is alone on its side.
+    let sign = if positive == 1 { 1.0 } else { -1.0 };
+    let k = (0..3).find(|&k| heights[k] * sign > 0.0)?;
+    let (h, p, q) = (heights[k], heights[(k + 1) % 3], heights[(k + 2) % 3]);
+    let share = (h / (h - p)) * (h / (h - q));
+    Some(share.min(1.0 - share))
+}
+
+/// The two or three triangles on both sides of a line.
+fn cut(cell: &[DVec3; 3], heights: [f64; 3]) -> [Option<[DVec3; 3]>; 3] {
+    // A corner on the line: two triangles.
+    if let Some(k) = (0..3).find(|&k| heights[k] == 0.0) {
+        let [a, b, c] = [0, 1, 2].map(|m| cell[(k + m) % 3]);
+        let at = crossing(b, c, heights[(k + 1) % 3], heights[(k + 2) % 3]);
+        return [Some([a, b, at]), Some([a, at, c]), None];
+    }
+    let alone = (0..3).find(|&k| heights[k] * heights[(k + 1) % 3] < 0.0 && heights[k] * heights[(k + 2) % 3] < 0.0);
+    let Some(k) = alone else {
+        return [Some(*cell), None, None];
+    };
+    let [a, b, c] = [0, 1, 2].map(|m| cell[(k + m) % 3]);
+    let [ha, hb, hc] = [0, 1, 2].map(|m| heights[(k + m) % 3]);
+    let (p, q) = (crossing(a, b, ha, hb), crossing(a, c, ha, hc));
+    // The quadrangle p, b, c, q along its shorter diagonal.
+    if p.distance_squared(c) < b.distance_squared(q) {
+        [Some([a, p, q]), Some([p, b, c]), Some([p, c, q])]
+    } else {
+        [Some([a, p, q]), Some([p, b, q]), Some([b, c, q])]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Model;
+    use crate::factor::{FactorRule, exchange};
+    use crate::visibility::exact::tests::{model_of, quad};
+    use crate::visibility::segments::Obstacles;
+    use crate::visibility::shaft::PatchTriangle;
+    use glam::DQuat;
+
+    /// From quad to quad, to a share of the unoccluded factor: the factor, its error bound, and the points.
+    fn factor_of(model: &Model, [from, to]: [[u32; 2]; 2], share: f64) -> (f64, f64, usize) {
+        let regions = &*CoplanarRegions::of(model);
+        let bodies = Bodies::new(regions);
+        let obstacles = Obstacles::new(model, regions);
+        let mut cells = CriticalCells::default();
+        let (mut visible, mut error, mut area, mut points) = (0.0, 0.0, 0.0, 0);
+        for i in from {
+            let own = model.normalised_corners(i);
+            area += geometry::area(&own);
+            for j in to {
+                let other = model.normalised_corners(j);
+                let mut shaft = Shaft::default();
+                let pair = shaft.pair(obstacles, PatchTriangle::new(i, &own), PatchTriangle::new(j, &other));
+                let unoccluded = exchange(&own, &other, &FactorRule::exact());
+                let bound = Bound {
+                    unoccluded,
+                    enough: share * unoccluded,
+                    most_points: 1_000_000,
+                };
+                let found = cells
+                    .measure(&shaft, (regions, &bodies), &pair, bound)
+                    .expect("a measurement");
+                visible += unoccluded - found.exchange;
+                error += found.error;
+                points += found.points;
+            }
+        }
+        (visible / area, error / area, points)
+    }
+
+    const TURNS: [(DVec3, f64); 3] = [
+        (DVec3::X, 0.0),
+        (DVec3::new(1.0, 2.0, 3.0), 1.414_213),
+        (DVec3::new(-2.0, 1.0, 0.5), 0.7),
+    ];
+
+    /// Emitter, receiver and obstructions, quads of two triangles each; the factor, and how well it is known.
+    struct Case {
+        quads: Vec<[[DVec3; 3]; 2]>,
+        exact: f64,
+        known: f64,
+    }
+
+    /// Walton's square obstruction (NISTIR 6925), a slat, and what stands before a wall, by Gauss–Legendre quadrature over
+    /// each smooth piece; plates through a leaning wall, by adaptive quadrature over points.
+    fn cases() -> Vec<Case> {
+        let p = DVec3::new;
+        let level = |[x, u]: [f64; 2], [y, v]: [f64; 2], z| quad([p(x, y, z), p(u, y, z), p(u, v, z), p(x, v, z)]);
+        let facing_down = |side: f64, z| {
+            let (a, b) = (p(0., 0., z), p(0., side, z));
+            quad([a, b, p(side, side, z), p(side, 0., z)])
+        };
+        let standing = |x: f64, [y, v]: [f64; 2], z| quad([p(x, y, 0.), p(x, v, 0.), p(x, v, z), p(x, y, z)]);
+        let (far, wide, top, high) = (2.854, 1.452, 1.108_888_878, 1.619_794_572);
+        let exactly = |quads, exact| Case {
+            quads,
+            exact,
+            known: 1e-13,
+        };
+        let both = [0.0, 1.0];
+        vec![
+            exactly(
+                vec![
+                    level(both, both, 0.0),
+                    facing_down(1.0, 1.0),
+                    level([0.0, 0.5], [0.0, 0.5], 0.5),
+                ],
+                0.149_868_671_773_8,
+            ),
+            exactly(
+                vec![
+                    level([0.0, 2.0], [0.0, 2.0], 0.0),
+                    facing_down(2.0, 2.0),
+                    level([0.5, 1.5], [0.0, 2.0], 1.0),
+                ],
+                0.058_326_845_901_811,
+            ),
+            exactly(
+                vec![
+                    level([1.0, 2.0], both, 0.0),
+                    standing(0.0, both, 1.0),
+                    standing(0.5, both, 0.4),
+                ],
+                0.015_437_573_315_816,
+            ),
+            exactly(
+                vec![
+                    level([0.5, 1.5], both, 0.0),
+                    standing(0.0, both, 2.0),
+                    standing(0.25, [0.4, 0.6], 3.0),
+                ],
+                0.084_696_651_445_0,
+            ),
+            Case {
+                quads: vec![
+                    level([0.0, far], [0.0, wide], 0.0),
+                    quad([p(0., 0., 0.), p(0., wide, 0.), p(top, wide, high), p(top, 0., high)]),
+                    level([0.2731, 1.2191], [0.5547, 1.0327], 0.5508),
+                    level([0.8544, 1.5454], [0.4203, 1.3843], 0.6887),
+                ],
+                exact: 0.203_167_01,
+                known: 5e-7,
+            },
+        ]
+    }
+
+    #[test]
+    fn a_factor_is_within_its_bound_in_every_position() {
+        for (number, Case { quads, exact, known }) in cases().into_iter().enumerate() {
+            for (axis, angle) in TURNS {
+                let model = model_of(&quads, DQuat::from_axis_angle(axis.normalize(), angle));
+                // Normalised lengths differ from the case's by a factor, areas of the two quads do not.
+                for share in [1e-4, 1e-6, 1e-8] {
+                    let (found, error, points) = factor_of(&model, [[0, 1], [2, 3]], share);
+                    let off = (found - exact).abs();
+                    println!("case {number}, turned {angle}, {share:e}: {off:e} off, bound {error:e}, {points} points");
+                    assert!(
+                        off <= error + known,
+                        "case {number}: {found} is not {exact}, bound {error:e}"
+                    );
+                    assert!(
+                        error <= share * 0.3,
+                        "case {number}: {error:e} is not {share:e} of the unoccluded"
+                    );
+                }
+            }
+        }
+    }
+
+    /// Points grow slowly with what is asked for: rays would take 10⁴ times as many for a hundredth of the error.
+    #[test]
+    fn a_hundredth_of_the_error_takes_a_few_times_the_points() {
+        for Case { quads, .. } in &cases()[..4] {
+            let model = model_of(quads, DQuat::IDENTITY);
+            let [rough, fine] = [1e-5, 1e-7].map(|share| factor_of(&model, [[0, 1], [2, 3]], share).2);
+            assert!(fine <= 20 * rough, "{rough} and {fine} points");
+        }
+    }
+
+    /// Where what is blocked is asked for with too few points, the error bound says that it is not known.
+    #[test]
+    fn a_measurement_that_is_cut_short_says_so() {
+        let model = model_of(&cases()[0].quads, DQuat::IDENTITY);
+        let regions = &*CoplanarRegions::of(&model);
+        let bodies = Bodies::new(regions);
+        let (own, other) = (model.normalised_corners(0), model.normalised_corners(2));
+        let mut shaft = Shaft::default();
+        let obstacles = Obstacles::new(&model, regions);
+        let pair = shaft.pair(obstacles, PatchTriangle::new(0, &own), PatchTriangle::new(2, &other));
+        let unoccluded = exchange(&own, &other, &FactorRule::exact());
+        let measured = [100, 1_000_000].map(|most_points| {
+            let bound = Bound {
+                unoccluded,
+                enough: 1e-9 * unoccluded,
+                most_points,
+            };
+            CriticalCells::default()
+                .measure(&shaft, (regions, &bodies), &pair, bound)
+                .expect("a measurement")
+        });
+        let [short, whole] = measured;
+        assert!(short.error > 1e-9 * unoccluded && whole.error <= 1e-9 * unoccluded);
+        assert!((short.exchange - whole.exchange).abs() <= short.error + whole.error);
+    }
+}
