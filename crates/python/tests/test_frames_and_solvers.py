@@ -122,7 +122,7 @@ def test_solvers_files_hold_rows_from_the_first_to_the_second(tmp_path: pathlib.
     assert np.allclose(found.sum(axis=1), 1.0, atol=2e-3)
 
     # The same of a matrix whose patches are the surfaces, in memory as it is.
-    surfaces().export(tmp_path / "surfaces.epJSON", format="energyplus", zone="Room", by="patch")
+    surfaces().export(tmp_path / "surfaces.epJSON", format="energyplus", zone="Room")
     zone, found = energyplus(tmp_path / "surfaces.epJSON")
     assert zone == "Room" and np.allclose(found, wanted, atol=2e-3)
 
@@ -136,8 +136,8 @@ def test_every_solver_writes_from_python(solver: str, tmp_path: pathlib.Path) ->
     try:
         assert matrix.export(path, format=solver) > 0  # type: ignore[arg-type]
     except hemicube.InputError as error:
-        # A closed room is no city: what uDALES wants is said with the next step.
-        assert solver == "udales" and ";" in str(error)
+        # OpenFOAM's files go beside a mesh, and without one the next step is said.
+        assert solver == "openfoam" and "polyMesh" in str(error)
 
 
 def test_what_is_asked_in_vain_is_said(tmp_path: pathlib.Path) -> None:
@@ -147,7 +147,7 @@ def test_what_is_asked_in_vain_is_said(tmp_path: pathlib.Path) -> None:
         ({"format": "elmer", "zone": "Room"}, "`zone` has no meaning"),
         ({"by": "face"}, "without a solver"),
         ({"format": "elmer", "by": "zone"}, "patch, face, object or material"),
-        ({"format": "energyplus"}, "zone"),
+        ({"format": "energyplus"}, "epJSON"),
         ({"format": "elmer", "patches": True}, "`patches` has no meaning"),
     ]:
         with pytest.raises(hemicube.InputError, match=says):
