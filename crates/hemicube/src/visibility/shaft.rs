@@ -746,6 +746,11 @@ impl Shaft {
         }
     }
 
+    /// Steps of a number of rays, about.
+    pub(crate) fn steps_of_rays(&self, pair: &TrianglePair, rays: usize) -> u64 {
+        (rays / RAYS) as u64 * self.steps_a_batch(pair)
+    }
+
     /// Steps of sixteen rays.
     fn steps_a_batch(&self, pair: &TrianglePair) -> u64 {
         if pair.is_crowded {
