@@ -78,7 +78,9 @@ impl Planes {
             let Some(corners) = corners(tree, patch).filter(|_| optics.is_portal()) else {
                 continue;
             };
-            let Some(plane) = front(&corners, tree, patch) else { continue };
+            let Some(plane) = front(&corners, tree, patch) else {
+                continue;
+            };
             // Of a place of its own, so that near planes are in near cells.
             let at = plane.normal * (plane.offset + 3.0) / 1e-6;
             #[allow(clippy::cast_possible_truncation, reason = "below 2⁶³")]
@@ -86,13 +88,19 @@ impl Planes {
             let is_same = |&known: &u32| {
                 let known: &Plane = &found.planes[known as usize];
                 known.normal.dot(plane.normal) > 0.0
-                    && corners.iter().all(|&p| known.height(p).abs() <= 0.5 * tree.plane_tolerance)
+                    && corners
+                        .iter()
+                        .all(|&p| known.height(p).abs() <= 0.5 * tree.plane_tolerance)
             };
             let near = (0..27).map(|step| {
                 let steps = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
                 [0, 1, 2].map(|k| cell[k] + steps[k])
             });
-            let known = near.filter_map(|cell| cells.get(&cell)).flatten().copied().find(|known| is_same(known));
+            let known = near
+                .filter_map(|cell| cells.get(&cell))
+                .flatten()
+                .copied()
+                .find(|known| is_same(known));
             found.of_patch[patch as usize] = known.unwrap_or_else(|| {
                 #[allow(clippy::cast_possible_truncation, reason = "no more than patches")]
                 let next = found.planes.len() as u32;
@@ -268,7 +276,9 @@ impl Passes {
                     3 => (range(0, 1.0), range(1, below)),
                     _ => (Some(all(0)), Some(all(1))),
                 };
-                let (Some(columns), Some(rows)) = (columns, rows) else { continue };
+                let (Some(columns), Some(rows)) = (columns, rows) else {
+                    continue;
+                };
                 for row in rows {
                     for column in columns.clone() {
                         if let Some(mark) = marked[row].get_mut(column) {
@@ -337,13 +347,7 @@ impl Passes {
     }
 
     /// Draws a pass, window by window, and hands on what meets portals.
-    fn draw(
-        &mut self,
-        pass: &Pass,
-        resolution: u32,
-        optics: &[Optics],
-        taker: &mut Taker<'_, impl Fn(u32) -> Column>,
-    ) {
+    fn draw(&mut self, pass: &Pass, resolution: u32, optics: &[Optics], taker: &mut Taker<'_, impl Fn(u32) -> Column>) {
         let mut seen = std::mem::take(&mut self.seen);
         for pixels in pass.pixels.chunk_by(|p, q| p.window() == q.window()) {
             let face = Face::ALL[usize::from(pixels[0].face)];
@@ -360,7 +364,10 @@ impl Passes {
             if pixels.len() <= FEW {
                 seen.extend(pixels.iter().map(|pixel| self.cast(&view, pixel)));
             } else {
-                let (x, y) = (pixels.iter().map(|p| u32::from(p.x)), pixels.iter().map(|p| u32::from(p.y)));
+                let (x, y) = (
+                    pixels.iter().map(|p| u32::from(p.x)),
+                    pixels.iter().map(|p| u32::from(p.y)),
+                );
                 let low = [x.clone().min(), y.clone().min()].map(Option::unwrap_or_default);
                 let high = [x.max(), y.max()].map(Option::unwrap_or_default);
                 self.window.begin(low, high);
@@ -368,7 +375,11 @@ impl Passes {
                     self.window.open(pixel.x.into(), pixel.y.into());
                 }
                 self.window.draw(self.set, &self.tree, &view);
-                seen.extend(pixels.iter().map(|pixel| self.window.seen(pixel.x.into(), pixel.y.into())));
+                seen.extend(
+                    pixels
+                        .iter()
+                        .map(|pixel| self.window.seen(pixel.x.into(), pixel.y.into())),
+                );
             }
             self.legs += pixels.len() as u64;
             for (pixel, &id) in pixels.iter().zip(&seen) {
