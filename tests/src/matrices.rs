@@ -29,6 +29,9 @@ pub fn entries(store: &Path, rows: std::ops::Range<u32>, fold: impl Fn(u32) -> u
 pub fn apart(one: &Entries, other: &Entries) -> f64 {
     let keys: BTreeSet<_> = one.keys().chain(other.keys()).collect();
     let of = |map: &Entries, key| map.get(key).copied().unwrap_or(0.0);
-    let squares: f64 = keys.into_iter().map(|key| (of(one, key) - of(other, key)).powi(2)).sum();
+    let squares: f64 = keys
+        .into_iter()
+        .map(|key| (of(one, key) - of(other, key)).powi(2))
+        .sum();
     (squares / other.values().map(|value| value * value).sum::<f64>()).sqrt()
 }

@@ -59,12 +59,21 @@ fn follows_mirrors(name: &str) {
     let place = Place::new();
     place.write("room.obj", ROOM);
     place.write("optics.toml", OPTICS);
-    let folder = plugin.parent().and_then(Path::to_str).expect("a folder in UTF-8").to_owned();
-    for (settings, most) in [("--correction pixel --resolution 128", 0.01), ("--correction area", 2e-3)] {
+    let folder = plugin
+        .parent()
+        .and_then(Path::to_str)
+        .expect("a folder in UTF-8")
+        .to_owned();
+    for (settings, most) in [
+        ("--correction pixel --resolution 128", 0.01),
+        ("--correction area", 2e-3),
+    ] {
         let line = format!("compute room.obj --overwrite --split 2 --specular optics.toml {settings}");
         place.line(&format!("{line} -o cpu")).is(0);
         place
-            .line(&format!("{line} -o device --backend {name} --backend-dir {folder} --threads 1"))
+            .line(&format!(
+                "{line} -o device --backend {name} --backend-dir {folder} --threads 1"
+            ))
             .is(0)
             .says(&["through mirrors and panes is followed on the processor"]);
         let report = place.line("check device --json").is(0).json();

@@ -18,7 +18,11 @@ fn city(target_patches: u64) -> Triangles {
         seed: 1,
     };
     let scene = generate(spec).expect("a city");
-    scene.triangles.iter().map(|t| t.corners.map(|p| p.to_array())).collect()
+    scene
+        .triangles
+        .iter()
+        .map(|t| t.corners.map(|p| p.to_array()))
+        .collect()
 }
 
 fn extent(city: &Triangles, axis: usize) -> [f64; 2] {
@@ -70,7 +74,9 @@ impl Both {
             .line(&format!("compute part.obj -o part --overwrite {portals} {settings}"))
             .is(0);
         place
-            .line(&format!("compute whole.obj -o whole --overwrite {settings} --rows 0..{part}"))
+            .line(&format!(
+                "compute whole.obj -o whole --overwrite {settings} --rows 0..{part}"
+            ))
             .is(0);
         let report = place.line("check part --json").is(0).json();
         assert_eq!(report["ok"], true, "{report}");
@@ -156,6 +162,9 @@ fn a_periodic_cell_is_the_middle_of_its_tiling() {
     let (apart, escaped, cut_off) = both.apart(&portals, "--tolerance 1%");
     assert!(apart < 0.01, "{apart}");
     // What leaves the tiling at its sides is the sky of the whole, and cut off of the cell.
-    assert!((escaped[0] + cut_off - escaped[1]).abs() < 0.002, "{escaped:?} {cut_off}");
+    assert!(
+        (escaped[0] + cut_off - escaped[1]).abs() < 0.002,
+        "{escaped:?} {cut_off}"
+    );
     assert!(cut_off > 1e-3, "{cut_off}");
 }

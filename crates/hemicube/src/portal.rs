@@ -26,11 +26,10 @@
 //!
 //! Planes of symmetry, sectors and periods are no surfaces and have the weight 1: the cell's images are put round it
 //! ([`images`]), and columns of images are added into the cell's. Every accuracy level then works as ever, closed forms
-//! included. Mirrors and panes ([`Specular`]) are followed after a row is finished ([`extend`]): by the rays of a
-//! hemicube's pixels, or by rays from all over the patch with closed forms between the moved emitter and what it sees.
+//! included. Mirrors and panes ([`Specular`]) are followed after a row is finished ([`extend`]): by a hemicube's pixels, or by
+//! rays from all over the patch with closed forms between the moved emitter and what it sees.
 //!
-//! No second hemicube for each mirror, because a ray through a pixel costs what a pixel costs to draw, works with
-//! every backend, and goes on to the third mirror without a mask.
+//! Pixels are drawn again as seen through a portal, in windows of the tree ([`extend`]), with whatever backend drew them first.
 
 mod aim;
 pub mod extend;

@@ -270,12 +270,18 @@ impl<'e> Casts<'e> {
         let [a, b, c] = self.emitter.corners;
         let (s, t) = fold(u[0], u[1]);
         let from = a + (b - a) * s + (c - a) * t;
-        let Some(aimed) = target.draw(from, self.horizon.normal, u[2], u[3]) else { return };
+        let Some(aimed) = target.draw(from, self.horizon.normal, u[2], u[3]) else {
+            return;
+        };
         let heavier = (aimed.value / target.factor).min(HEAVIEST);
         if heavier.is_nan() || heavier <= 0.0 {
             return;
         }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "above 0, below 2⁴⁴")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "above 0, below 2⁴⁴"
+        )]
         let [weight, least] = [weight * heavier, weight * heavier * bound].map(|weight| weight as u64);
         let ray = Ray {
             from,
@@ -289,7 +295,9 @@ impl<'e> Casts<'e> {
         tracer.legs += 1;
         // Past it by a hair, so that it is met.
         let end = from + aimed.towards * (aimed.distance * (1.0 + 1e-9) + 1e-9);
-        let Some(met) = nearest(&tracer.tree, from, end, &self.horizon, &mut tracer.pending) else { return };
+        let Some(met) = nearest(&tracer.tree, from, end, &self.horizon, &mut tracer.pending) else {
+            return;
+        };
         if met.id == target.patch && met.slot == target.slot {
             let met = MetAt {
                 id: met.id,
@@ -344,7 +352,11 @@ mod tests {
     /// The mean of draws is the form factor of a corner: a right triangle over a point, by the contour integral.
     #[test]
     fn both_ways_of_drawing_have_the_same_mean() {
-        let corners = [DVec3::new(0.1, 0.2, 0.5), DVec3::new(1.1, 0.3, 0.6), DVec3::new(0.2, 1.4, 0.9)];
+        let corners = [
+            DVec3::new(0.1, 0.2, 0.5),
+            DVec3::new(1.1, 0.3, 0.6),
+            DVec3::new(0.2, 1.4, 0.9),
+        ];
         let normal = geometry::cross(&corners).normalize();
         let [a, b, c] = corners.map(DVec3::normalize);
         let edge = |p: DVec3, q: DVec3| p.cross(q).normalize() * p.dot(q).acos();

@@ -4,13 +4,14 @@
 //!   numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
 //! - *point*: likewise, scaled to what closed forms say that the row hands on.
 //! - *area*, *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen through
-//!   them.
-//!   Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its share
-//!   of the tolerance. Two commuting mirrors, as of a duct, make one pair with one closed form for either order.
+//!   them. Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its share of the
+//!   tolerance, unless more rays keep it for less. Two commuting mirrors, as of a duct, make one pair with one closed form
+//!   for either order.
 //!
-//! What a row may cost is counted in legs between portals, never timed. With a tolerance T, rays end at 2¹⁸ · max(1 %/T, 1)
-//! legs, segments after as many again, and what they leave is in the expected error. Paths are cut off after 2²² legs, or 2²⁵
-//! with a tolerance, after 10,000 portals, and where no more than the bound is left of them. All that is counted.
+//! What a row may cost is counted in legs between portals, never timed. With a tolerance T, rays end after 2¹⁸ · max(1 %/T, 1)
+//! legs, at most 2²⁴, and segments after as many again: what they leave is in the expected error. Paths are cut off after
+//! 2²² legs, or 2²⁵ with a tolerance, after 10,000 portals, and where no more than the bound is left of them. All that is
+//! counted.
 
 use super::aim::Casts;
 use super::gather::{Column, Found, Ledger, apportion};
@@ -41,7 +42,7 @@ const RAYS_MAX: usize = 1 << 20;
 /// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light.
 const HITS: [f64; 2] = [4.0, 8.0];
 /// Legs of a row with a tolerance T after which no further rays are cast, and as many again for segments; times
-/// max(1 %/T, 1). What is then left is in the row's expected error. A choice.
+/// max(1 %/T, 1), up to 2²⁴. What is then left is in the row's expected error. A choice.
 const EFFORT: f64 = 262_144.0;
 /// Legs of a row, without and with a tolerance, after which paths are cut off.
 const LEGS: [u64; 2] = [1 << 22, 1 << 25];
@@ -288,7 +289,7 @@ impl<'a> Extender<'a> {
         self.tracer.legs_max = LEGS[level];
         let effort = EFFORT * tolerance.map_or(1.0, |tolerance| (0.01 / tolerance).max(1.0));
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-        let effort = effort as u64;
+        let effort = (effort as u64).min(LEGS[1] / 2);
         let is_portal = |&(patch, _): &(u32, f64)| {
             let optics = self.tracer.optics.get(patch as usize);
             optics.is_some_and(Optics::is_portal)
@@ -339,6 +340,8 @@ impl<'a> Extender<'a> {
         }
         let most = if is_by_rays { 0 } else { PAIRS[level] };
         let until = self.tracer.legs.saturating_add(effort);
+        // A segment is followed to its end.
+        self.tracer.legs_max = u64::MAX;
         let known = self.measure(&casts, level, (permitted, most, until), rule, scale);
         balanced(sent, &known, lost)
     }

@@ -232,7 +232,6 @@ fn draw(tree: &Tree, view: &FaceView, window: &mut Window) {
         pending.extend([node.child + (1 - nearer), node.child + nearer]);
     }
     window.pending = pending;
-
 }
 
 /// Edges and depths of a block's triangles, with the columns and rows that they may touch, counted from `at`.
@@ -299,7 +298,12 @@ fn draw_lanes(
     ];
     let mut changed = 0;
     for l in 0..LANES {
-        let range = [lanes.range[0][l], lanes.range[1][l], lanes.range[2][l], lanes.range[3][l]];
+        let range = [
+            lanes.range[0][l],
+            lanes.range[1][l],
+            lanes.range[2][l],
+            lanes.range[3][l],
+        ];
         let touches = range[0] <= last[0] && range[1] >= 0.0 && range[2] <= last[1] && range[3] >= 0.0;
         let determinant = lanes.determinant[l];
         let is_hidden = lanes.nearest[l] > 0.0 && 1.0 + 1e-9 < lanes.nearest[l] * farthest;
