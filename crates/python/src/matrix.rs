@@ -799,7 +799,10 @@ impl Matrix {
         let whole = py.detach(|| -> PyResult<Assembled> {
             let patches = (0..store.patch_count()).map(InputPatch);
             let entries = patches.map(|patch| Ok(stored(store.entries_of_row(patch))?.unwrap_or(0)));
-            let mut whole = Assembled::new(&entries.collect::<PyResult<Vec<u64>>>()?, store.manifest().form.precision())?;
+            let mut whole = Assembled::new(
+                &entries.collect::<PyResult<Vec<u64>>>()?,
+                store.manifest().form.precision(),
+            )?;
             for place in 0..store.manifest().parts.len() {
                 if let Some(part) = stored(store.part(place))? {
                     whole.place(&part)?;
