@@ -1,4 +1,4 @@
-//! Sky and suns through mirrors and panes: against rays traced backwards, written here, and against the beam's geometry.
+//! Sky and suns through mirrors and panes: against rays traced backwards, written here, and the beam's geometry.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
@@ -36,8 +36,7 @@ const INDEX: f64 = 1.52;
 const DEPTH: f64 = 0.006 * 30.0;
 const GLASS: &str = "[object.facade]\nindex = 1.52\nthickness = 0.006\nextinction = 30\n";
 
-/// A street along y: the ground, a façade of glass at x = 5 that is 8 high, and a sensor on the other side that looks at
-/// it.
+/// A street along y: the ground, a façade of glass at x = 5, 8 high, and a sensor on the other side that looks at it.
 fn street() -> Vec<Quad<'static>> {
     let mut quads = vec![
         (
@@ -179,7 +178,7 @@ fn sunlight(place: &Place) -> Vec<f64> {
     array(&bytes).into_iter().map(f64::from).collect()
 }
 
-/// A room of 4 × 4 × 3 with a window of 2 × 1 in the north wall, open beside it: nothing but the window lets the sun in.
+/// A room of 4 × 4 × 3 with a window of 2 × 1 in its north wall. Nothing else lets the sun in.
 fn with_window() -> Vec<Quad<'static>> {
     let mut quads = room(4., 4., 3.);
     quads.retain(|(name, _)| *name != "y1");

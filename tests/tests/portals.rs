@@ -413,21 +413,7 @@ fn what_is_not_there_yet_is_refused_by_name() {
     refused("--store compact", &["such a matrix is plain"]);
     refused("--min-factor 1e-5", &["such a matrix is plain"]);
     refused("--receivers top", &["mirrors and panes need columns"]);
-    refused("--verify 4", &["rays that go through no portal"]);
-    place.compute("--specular optics.toml");
-    place
-        .0
-        .write("heat.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
-    place
-        .0
-        .line("solve store --materials heat.toml")
-        .is(2)
-        .says(&["has mirrors or panes"]);
-    place
-        .0
-        .line("balance store -o balanced --closure")
-        .is(2)
-        .says(&["mirrors or panes"]);
+    refused("--patches object", &["portals are followed from triangles"]);
     place
         .0
         .write("optics.toml", "[object.x1]\nspecular = 0.7\ntransmittance = 0.7\n");

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mirrors, glass, symmetry")]
 pub(crate) struct PortalSettings {
-    /// Follow mirrors and panes: `[material.NAME]`, `specular = 0.9`; `scene`: its own
-    #[arg(long, value_name = "FILE.toml")]
+    /// Follow mirrors and panes by FILE (docs/portals.md), or by the `scene`
+    #[arg(long, value_name = "FILE")]
     pub(crate) specular: Option<PathBuf>,
     /// End a path where no more than B of it is left; a twentieth of the tolerance, or 1e-4
     #[arg(long, value_name = "B", value_parser = bound, requires = "specular", hide_short_help = true)]

@@ -109,7 +109,8 @@ impl Solution {
         self.balance.iter().map(dict).collect()
     }
 
-    /// B − G, the net flux of each patch, B − (1 − ρs − τ) G of mirrors and panes: of heat in W/m², positive where the patch gives off more than it receives.
+    /// B − G, the net flux of each patch, and B − (1 − ρs − τ) G of mirrors and panes: of heat in W/m², positive where
+    /// the patch gives off more than it receives.
     #[getter]
     fn flux<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let (sent, received) = (&self.solved.radiosity, &self.solved.irradiance);

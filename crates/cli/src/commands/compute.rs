@@ -286,8 +286,9 @@ impl Tally {
 
 pub(crate) fn run(mut arguments: Arguments, talk: Talk) -> Result<Exit> {
     let bands = arguments.portals.bands()?;
+    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let Some(whole) = arguments.output.clone().filter(|_| bands.len() > 1) else {
-        return run_band(&arguments, talk);
+        return run_band(&arguments, cancel, talk);
     };
     if arguments.report.json.is_some() {
         bail!(
@@ -300,7 +301,7 @@ pub(crate) fn run(mut arguments: Arguments, talk: Talk) -> Result<Exit> {
         arguments.portals.band = band;
         arguments.output = Some(of_band(&whole, name));
         talk.say(&format!("band {name}, {} of {}", band + 1, bands.len()));
-        match run_band(&arguments, talk)? {
+        match run_band(&arguments, cancel, talk)? {
             Exit::Done => {}
             other => return Ok(other),
         }
@@ -320,12 +321,11 @@ fn of_band(whole: &Path, band: &str) -> PathBuf {
 }
 
 /// Computes one matrix.
-fn run_band(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+fn run_band(arguments: &Arguments, cancel: &'static AtomicBool, talk: Talk) -> Result<Exit> {
     // clap requires a scene; only `--print-config` goes without.
     let (Some(scene_path), Some(directory)) = (arguments.scene.as_deref(), arguments.output.as_deref()) else {
         bail!("a scene is needed");
     };
-    let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let shard = arguments
         .process
         .shard

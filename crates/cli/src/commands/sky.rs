@@ -95,8 +95,8 @@ pub(crate) struct Arguments {
     /// Hemicubes a patch: 1, 4, 9, 16… [default: 1, or the matrix's]
     #[arg(long, value_name = "K", value_parser = samples, conflicts_with = "tolerance")]
     pub(crate) samples: Option<u32>,
-    /// See through these mirrors and panes: `[material.NAME]`, `specular = 0.9`; `scene`: its own
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["tolerance", "points"])]
+    /// See through mirrors and panes, by FILE (docs/portals.md) or the `scene` [default: the matrix's]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["tolerance", "points"])]
     pub(crate) specular: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,

@@ -403,7 +403,6 @@ struct Shot<'a> {
 fn behind(prepared: &Prepared, specular: &Specular, lens: &Lens, seen: &[Seen]) -> HashMap<usize, Vec<(Seen, f64)>> {
     let mut through = ThroughPortals::new(specular, None, &prepared.model);
     let mut found = HashMap::new();
-    let from = prepared.model.normalise(lens.origin);
     for (place, sample) in seen.iter().enumerate() {
         if sample.patch == u32::MAX || !specular.of(sample.patch).is_portal() {
             continue;
@@ -414,8 +413,12 @@ fn behind(prepared: &Prepared, specular: &Specular, lens: &Lens, seen: &[Seen]) 
             lens.top - (y as f64 + 0.5) * lens.step,
         );
         let towards = lens.axes[0] * u + lens.axes[1] * v + lens.axes[2];
+        // From just before the surface: the eye may be farther away than rays go.
+        let at = prepared.model.normalise(lens.origin + towards * sample.depth);
+        let towards = towards.normalize_or_zero();
+        let before = (at - prepared.model.normalise(lens.origin)).length().min(BEFORE);
         let mut ends = Vec::new();
-        through.ray(from, towards.normalize_or_zero(), |patch, at, share| {
+        through.ray(at - towards * before, towards, |patch, at, share| {
             let corners = prepared.patches.corners(InputPatch(patch));
             let barycentric = barycentric(&corners.map(|corner| prepared.model.normalise(corner)), at);
             let depth = 0.0;
@@ -432,6 +435,9 @@ fn behind(prepared: &Prepared, specular: &Specular, lens: &Lens, seen: &[Seen]) 
     }
     found
 }
+
+/// Distance before a mirror from which its rays begin, in normalised coordinates.
+const BEFORE: f64 = 1e-3;
 
 /// The weights of a triangle's corners at a point of its plane.
 fn barycentric([a, b, c]: &[DVec3; 3], at: DVec3) -> [f64; 3] {

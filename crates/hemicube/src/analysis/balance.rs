@@ -451,16 +451,7 @@ fn balance_pairs(
                 part.data.push(factor);
             }
             part.indptr.push(length(part.data.len()));
-            let (columns, factors) = part.row(row);
-            let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);
-            let passed = columns
-                .iter()
-                .zip(factors)
-                .map(|(&column, factor)| of(column) * factor)
-                .sum();
-            if let Some(passage) = part.passages.get_mut(row) {
-                passage.passed = passed;
-            }
+            hand_on(&mut part, row, &handed_on);
             let error = after.row(&part, row);
             if !scaling.unmatched.get(patch as usize).copied().unwrap_or(false) {
                 entry.closure_max_of_others = entry.closure_max_of_others.max(error);
@@ -471,6 +462,20 @@ fn balance_pairs(
     }
     entry.after = after.finish();
     Ok(entry)
+}
+
+/// What mirrors and panes hand on of a changed row.
+fn hand_on(part: &mut Part, row: usize, handed_on: &[f64]) {
+    let (columns, factors) = part.row(row);
+    let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);
+    let passed = columns
+        .iter()
+        .zip(factors)
+        .map(|(&column, factor)| of(column) * factor)
+        .sum();
+    if let Some(passage) = part.passages.get_mut(row) {
+        passage.passed = passed;
+    }
 }
 
 /// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order. `is_bounded`: at most

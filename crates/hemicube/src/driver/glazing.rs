@@ -104,9 +104,9 @@ impl Entry {
         if self.transmittance.is_some() || (self.specular.is_some() && angles.iter().any(|row| row.len() != 2)) {
             bail!("`[{name}]` has `angles` and the same values beside them: give one of them");
         }
-        let row = |row: &Vec<f64>| match row.as_slice() {
-            &[degrees, transmittance] => Ok((degrees, transmittance, of(&self.specular))),
-            &[degrees, transmittance, specular] => Ok((degrees, transmittance, specular)),
+        let row = |row: &Vec<f64>| match *row.as_slice() {
+            [degrees, transmittance] => Ok((degrees, transmittance, of(&self.specular))),
+            [degrees, transmittance, specular] => Ok((degrees, transmittance, specular)),
             _ => bail!(
                 "`[{name}]` has a row of {} numbers: `[degrees, τ]` or `[degrees, τ, ρs]` is one",
                 row.len()

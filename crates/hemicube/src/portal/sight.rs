@@ -1,8 +1,8 @@
 //! What a hemicube or a point sees through mirrors and panes: where rays end that meet a portal first.
 //!
-//! Pixels of an item buffer that show a portal are followed, each by the ray through its centre with the pixel's weight,
-//! as rows of the accuracy level *pixel* are. A sun is seen in the directions that lead to it: its own, through panes, and
-//! those reflected in up to [`MIRRORS`] planes of mirrors, in any order.
+//! Pixels of an item buffer that show a portal are followed, each by the ray through its centre with the pixel's
+//! weight. A sun is seen in the directions that lead to it: its own, through panes, and those reflected in up to
+//! [`MIRRORS`] planes of mirrors, in any order.
 
 use super::motion::{Motions, OTHER};
 use super::trace::{Arrival, Ends, Ray, Tally, Tracer};
@@ -148,9 +148,9 @@ impl ThroughPortals {
         }
     }
 
-    /// Follows the pixels of a hemicube that show a portal. `act` is told the end of every path behind the first portal,
-    /// and its weight in 1024ths of a pixel's; ends at patches are told before their paths go on. Returns the weight that
-    /// first portals handed on, in that unit: ends at patches less what these pass on, and the other ends, sum to it.
+    /// Follows the pixels of a hemicube that show a portal. `act` is told the end of every path behind the first portal
+    /// and its weight in 1024ths of a pixel's; ends at patches are told before their paths go on. Returns the weight
+    /// that first portals handed on: ends at patches less what these pass on, and the other ends, sum to it.
     pub fn look(
         &mut self,
         hemicube: &Hemicube,

@@ -3,10 +3,10 @@
 use super::images::Images;
 use super::law::{Law, LawError, LawRecord};
 use glam::DVec3;
-use hemicube_scene::{Patches, Scene};
+use hemicube_scene::{InputPatch, Patches, Scene};
 use serde::Serialize;
 use serde_json::Value;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Division of arriving light: ρs is reflected as by a mirror, τ goes through unbent, and 1 − ρs − τ is absorbed or
 /// diffusely reflected.
@@ -197,26 +197,12 @@ impl Specular {
         } else {
             patches.iter().map(number).collect()
         };
-        // Sides of one triangle that let light through; two, where it is two-sided or given both ways.
-        let mut sides: HashMap<[[u64; 3]; 3], u32> = HashMap::new();
-        let key = |patch| {
-            let mut corners = patches
-                .corners(patch)
-                .map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
-            corners.sort_unstable();
-            corners
-        };
-        let panes = || {
-            patches
-                .iter()
-                .zip(&optics)
-                .filter(|(_, optics)| optics.transmittance > 0.0)
-        };
-        for (patch, _) in panes() {
-            *sides.entry(key(patch)).or_default() += 1;
-        }
-        if let Some((patch, _)) = panes().find(|&(patch, _)| sides.get(&key(patch)) == Some(&1)) {
-            let triangle = &scene.triangles[patches.triangle(patch)];
+        let is_pane = |patch: &InputPatch| optics.get(patch.0 as usize).is_some_and(|o| o.transmittance > 0.0);
+        if let Some(triangle) = one_sided(
+            scene,
+            patches.iter().filter(is_pane).map(|patch| patches.triangle(patch)),
+        ) {
+            let triangle = &scene.triangles[triangle];
             let object = scene.objects.get(triangle.object as usize).map(String::as_str);
             let material = scene
                 .materials
@@ -286,6 +272,25 @@ impl Specular {
             surfaces: self.named.clone(),
         }
     }
+}
+
+/// The first triangle that lets light through on one side only: neither two-sided nor there both ways. However patches cut
+/// it, its corners are those of its other side.
+fn one_sided(scene: &Scene, triangles: impl Iterator<Item = usize>) -> Option<usize> {
+    let panes: BTreeSet<usize> = triangles.collect();
+    let key = |triangle: usize| {
+        let corners = scene.triangles[triangle].corners;
+        let mut corners = corners.map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
+        corners.sort_unstable();
+        corners
+    };
+    let mut sides: HashMap<[[u64; 3]; 3], u32> = HashMap::new();
+    for &triangle in &panes {
+        *sides.entry(key(triangle)).or_default() += if scene.triangles[triangle].two_sided { 2 } else { 1 };
+    }
+    panes
+        .into_iter()
+        .find(|&triangle| sides.get(&key(triangle)) == Some(&1))
 }
 
 /// The optics of each patch of a model, at every angle.

@@ -14,8 +14,8 @@
 //! Each row of the last operator sums to 1 at most, as the others' do: GMRES and Jacobi solve it by products with F
 //! alone.
 //!
-//! Where mirrors and panes hand on p = ρs + τ of what arrives, 1 − p stands for 1: B = ε e + (1 − p − ε) G, the net flux
-//! is B − (1 − p) G, and ε is at most 1 − p (Kirchhoff: ε = 1 − ρs − ρd − τ).
+//! Where mirrors and panes hand on p = ρs + τ of what arrives, 1 − p stands for 1: B = ε e + (1 − p − ε) G, the net
+//! flux is B − (1 − p) G, and ε is at most 1 − p (Kirchhoff: ε = 1 − ρs − ρd − τ).
 //!
 //! An enclosure in which nothing has a temperature, neither a surface nor what lies outside, has none itself: heat that
 //! does not add up to 0 heats it for ever, and heat that does leaves its level open. Both are refused.
@@ -394,7 +394,7 @@ impl Heat {
         for (patch, given) in self.given.iter().enumerate() {
             blacks.push(match *given {
                 Given::Temperature(kelvin) => black(kelvin),
-                // An adiabatic surface sends as much as a black one of its temperature; of a mirror, what it would send.
+                // An adiabatic surface sends as much as a black one of its temperature; a mirror would.
                 Given::Flux(0.0) if self.kept(patch) < 1.0 => irradiance(patch),
                 Given::Flux(0.0) => solution.radiosity.of(patch)[0],
                 Given::Flux(flux) => irradiance(patch) + flux / self.emissivity[patch],

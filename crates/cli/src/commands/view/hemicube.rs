@@ -64,8 +64,8 @@ pub(crate) struct Arguments {
         conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
     )]
     pub(crate) store: Option<PathBuf>,
-    /// Show what is seen in these mirrors and through these panes [default: the matrix's]; `scene`: its own
-    #[arg(long, value_name = "FILE.toml", conflicts_with = "live")]
+    /// Show what is seen in mirrors and panes, by FILE or the `scene` [default: the matrix's]
+    #[arg(long, value_name = "FILE", conflicts_with = "live")]
     pub(crate) specular: Option<PathBuf>,
     /// Pixels along an edge: a multiple of 16 up to 1024
     #[arg(long, value_name = "N", default_value = "256", value_parser = resolution)]
