@@ -184,7 +184,10 @@ fn read_entries(value: &Value) -> BTreeMap<(u64, u64), f64> {
     let list = value["entries"].as_array().expect("entries");
     let entry = |entry: &Value| {
         let index = |place: usize| entry[place].as_u64().expect("an index");
-        ((index(0), index(1)), f64::from(entry[2].as_f64().expect("a factor") as f32))
+        (
+            (index(0), index(1)),
+            f64::from(entry[2].as_f64().expect("a factor") as f32),
+        )
     };
     let found: BTreeMap<_, _> = list.iter().map(entry).collect();
     assert_eq!(found.len(), list.len(), "an entry twice");

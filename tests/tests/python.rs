@@ -257,7 +257,7 @@ fn scipy_opens_everything() {
         (&found["format"], &found["sorted"], &found["contiguous"]),
         (&json!("csr"), &json!(true), &json!(true))
     );
-    let sum: f64 = whole.values().map(|&factor| f64::from(factor)).sum();
+    let sum: f64 = whole.values().sum();
     assert!((found["product"].as_f64().expect("a number") - sum).abs() < 1e-9 * sum);
 
     let one = &computed_parts[1];

@@ -249,7 +249,7 @@ fn a_click_shows_the_row_that_the_store_has() {
         for &(column, factor) in &wanted {
             let found = exact.get(&column).copied().unwrap_or(f64::NAN);
             assert!(
-                near(found, factor.into()),
+                near(found, factor),
                 "F[{patch}, {column}] = {factor}, and the page says {found}"
             );
         }

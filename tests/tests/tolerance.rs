@@ -615,10 +615,7 @@ fn odd_rows_take_care_where_sums_are_known_and_no_more_where_they_are_not() {
     let (mut apart, mut all) = (0.0, 0.0);
     for (a, b) in open.iter().zip(&closed) {
         let find = |row: &[(i32, f64)], column: i32| row.iter().find(|e| e.0 == column).map_or(0.0, |e| e.1);
-        apart +=
-            a.2.iter()
-                .map(|e| (e.1 - find(&b.2, e.0)).powi(2))
-                .sum::<f64>();
+        apart += a.2.iter().map(|e| (e.1 - find(&b.2, e.0)).powi(2)).sum::<f64>();
         apart +=
             b.2.iter()
                 .filter(|e| find(&a.2, e.0) == 0.0)

@@ -633,7 +633,9 @@ pub(crate) fn nineteen([a, b, c]: &[DVec3; 3]) -> [(DVec3, [f64; 2]); 19] {
     let (a, b, c) = (*a, *b, *c);
     let all = a + b + c;
     let mut points = [(all / 3.0, CENTROID); 19];
-    let orbits = RADON.into_iter().chain(NINETEEN.map(|(near, weight)| (near, [0.0, weight])));
+    let orbits = RADON
+        .into_iter()
+        .chain(NINETEEN.map(|(near, weight)| (near, [0.0, weight])));
     for (k, (near, weights)) in orbits.enumerate() {
         for (m, corner) in [a, b, c].into_iter().enumerate() {
             points[1 + 3 * k + m] = (all * near + corner * (1.0 - 3.0 * near), weights);
@@ -915,7 +917,9 @@ mod tests {
         }
         // Howell's C-14 and C-11.
         let sum = |a: &[[DVec3; 3]; 2], b: &[[DVec3; 3]; 2]| -> f64 {
-            a.iter().flat_map(|i| b.iter().map(move |j| exchange(i, j, &rule))).sum()
+            a.iter()
+                .flat_map(|i| b.iter().map(move |j| exchange(i, j, &rule)))
+                .sum()
         };
         let (floor, wall) = unit_square(90.0);
         assert!((sum(&floor, &wall) / 0.200_043_776_075_403 - 1.0).abs() < 1e-12);

@@ -132,10 +132,15 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let bar = Bar::spinner(talk, "solving");
     let guard = exit::InterruptGuard::new();
-    let found = Exchange::new(&network, &emissivity, arguments.matrix.threads as usize, &mut |done, all| {
-        bar.message(&format!("{} of {} columns", count(done as u64), count(all as u64)));
-        !cancel.load(Ordering::SeqCst)
-    });
+    let found = Exchange::new(
+        &network,
+        &emissivity,
+        arguments.matrix.threads as usize,
+        &mut |done, all| {
+            bar.message(&format!("{} of {} columns", count(done as u64), count(all as u64)));
+            !cancel.load(Ordering::SeqCst)
+        },
+    );
     let exchange = match found {
         Ok(exchange) => exchange,
         Err(SolveError::Interrupted) => return Ok(Exit::Interrupted),

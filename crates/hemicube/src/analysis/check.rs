@@ -27,7 +27,8 @@ mod winding;
 use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{
-    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums, Store,
+    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums,
+    Store,
 };
 use hemicube_scene::InputPatch;
 use serde::Serialize;

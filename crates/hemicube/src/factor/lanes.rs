@@ -246,7 +246,11 @@ dispatch! {
 #[inline(always)]
 fn terms_portable(normal: [f64; 3], from: &[[f64; LANES]; 3], to: &[[f64; LANES]; 3], out: &mut [f64; LANES]) {
     for l in 0..LANES {
-        out[l] = term(normal, [from[0][l], from[1][l], from[2][l]], [to[0][l], to[1][l], to[2][l]]);
+        out[l] = term(
+            normal,
+            [from[0][l], from[1][l], from[2][l]],
+            [to[0][l], to[1][l], to[2][l]],
+        );
     }
 }
 
