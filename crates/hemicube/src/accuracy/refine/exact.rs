@@ -38,8 +38,8 @@ pub(crate) const FINEST: f64 = 1e-3;
 pub(crate) const MOST_PATCHES: usize = MOST_KEPT;
 /// Number of patches up to which pairs are kept for their other row: 24 bytes a pair, 50 MB.
 const MOST_KEPT: usize = 2_048;
-/// Bound of the points at one pair, times the number of its occluders and one.
-const MOST_POINTS: usize = 400_000;
+/// Bound of the points at one pair, times the square of the number of its occluders and one: a point's cost grows so.
+const MOST_POINTS: usize = 2_000_000;
 /// Rays at a pair before it is asked how many it needs, and the growth of their number.
 const FIRST_RAYS: usize = 256;
 const GROWTH: usize = 4;
