@@ -372,14 +372,14 @@ mod tests {
                 normal,
                 longest,
             };
-            let count = 1 << 14;
+            let count: u16 = 1 << 14;
             let mut sum = 0.0;
-            for at in (0..count).step_by(BATCH) {
+            for at in (0..usize::from(count)).step_by(BATCH) {
                 let u = sequence.points(at);
                 let drawn = (0..BATCH).filter_map(|l| target.draw(DVec3::ZERO, DVec3::Z, u[0][l], u[1][l]));
                 sum += drawn.map(|aimed| aimed.value).sum::<f64>();
             }
-            let mean = sum / f64::from(count as u32);
+            let mean = sum / f64::from(count);
             assert!((mean - exact).abs() < 1e-4 * exact, "{longest}: {mean} {exact}");
         }
     }

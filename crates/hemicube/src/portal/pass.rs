@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// Pixels of a window up to which rays are cast instead. Measured: a window costs as much as some of them.
 const FEW: usize = 4;
 /// Windows along the edge of the largest hemicube's top.
-const MOST_WINDOWS: usize = *RESOLUTIONS.end() as usize / EDGE;
+const MOST_WINDOWS: usize = (*RESOLUTIONS.end() / EDGE) as usize;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
 
@@ -42,9 +42,8 @@ struct Pixel {
 
 impl Pixel {
     /// The window that it belongs to.
-    fn window(&self) -> [u16; 3] {
-        let edge = EDGE as u16;
-        [u16::from(self.face), self.y / edge, self.x / edge]
+    fn window(&self) -> [u32; 3] {
+        [u32::from(self.face), u32::from(self.y) / EDGE, u32::from(self.x) / EDGE]
     }
 }
 
@@ -197,7 +196,7 @@ impl Passes {
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
     ) {
         let resolution = items.resolution;
-        let edge = EDGE as u32;
+        let edge = EDGE;
         let mut windows = std::mem::take(&mut self.windows);
         self.list_windows(hemicube, resolution, portals, &mut windows);
         for &(face, y0, x0) in &windows {
@@ -249,7 +248,7 @@ impl Passes {
     /// Lists the windows that portals may be in, in the order of faces, rows and columns.
     fn list_windows(&self, hemicube: &Hemicube, resolution: u32, portals: &[u32], out: &mut Vec<(u8, u32, u32)>) {
         out.clear();
-        let edge = EDGE as u32;
+        let edge = EDGE;
         let step = 2.0 / f64::from(resolution);
         for (number, face) in (0u8..).zip(Face::ALL) {
             let (places, signs) = face.axes();

@@ -16,10 +16,10 @@ use crate::simd::{InstructionSet, cross, dispatch, dot, least, minus, most};
 use glam::DVec3;
 
 /// Pixels along the edge of a window at most. A choice.
-pub(super) const EDGE: usize = 32;
+pub(super) const EDGE: u32 = 32;
 /// Pixels drawn at a time.
 const CHUNK: usize = 8;
-const CHUNKS: usize = EDGE / CHUNK;
+const CHUNKS: usize = EDGE as usize / CHUNK;
 /// The depth of an open pixel: no surface is as far.
 const OPEN: f64 = f64::MIN_POSITIVE;
 /// The id of a pixel that shows nothing.
@@ -88,8 +88,8 @@ struct Lanes {
 impl Window {
     pub(super) fn new() -> Self {
         Self {
-            depth: vec![[f64::INFINITY; CHUNK]; CHUNKS * EDGE],
-            item: vec![[u64::from(NOTHING); CHUNK]; CHUNKS * EDGE],
+            depth: vec![[f64::INFINITY; CHUNK]; CHUNKS * EDGE as usize],
+            item: vec![[u64::from(NOTHING); CHUNK]; CHUNKS * EDGE as usize],
             columns: [[0.0; CHUNK]; CHUNKS],
             at: [0; 2],
             size: [0; 2],
@@ -274,7 +274,7 @@ fn transform(block: &Block, view: &FaceView, at: [u32; 2], out: &mut Lanes) {
             let low = least(p, least(q, r)) * scale + first[k] - 1e-6;
             let high = most(p, most(q, r)) * scale + first[k] + 1e-6;
             out.range[2 * k][l] = if is_ahead { low } else { -1.0 };
-            out.range[2 * k + 1][l] = if is_ahead { high } else { EDGE as f64 };
+            out.range[2 * k + 1][l] = if is_ahead { high } else { f64::from(EDGE) };
         }
     }
 }
