@@ -128,7 +128,7 @@ pub(crate) struct Bound {
     pub(crate) unoccluded: f64,
     /// Error of the exchange area at which the measurement ends.
     pub(crate) enough: f64,
-    /// Number of points at which it ends, about, times the number of occluders and one.
+    /// Number of points at which it ends, about, times the square of the number of occluders and one.
     pub(crate) most_points: usize,
 }
 
@@ -248,7 +248,7 @@ impl CriticalCells {
     /// Cuts the worst cells until the sum of all errors is small enough.
     fn refine(&mut self, mut cells: BinaryHeap<Cell>, view: &View<'_>, bound: Bound) -> Option<BlockedExchange> {
         let mut error: f64 = cells.iter().map(|cell| cell.error).sum();
-        let most_points = bound.most_points / (self.occluders.len() + 1);
+        let most_points = bound.most_points / (self.occluders.len() + 1).pow(2);
         while error > bound.enough && self.points < most_points {
             let Some(worst) = cells.pop() else { break };
             if worst.error <= 0.0 || worst.depth >= MOST_DEPTH {
