@@ -168,8 +168,8 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     let lost = percent(winding.lost);
     match winding.turn {
         Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, \
-                      and see no front of another, which is right for a solid alone that is seen from outside; for \
-                      the space within, `--flip all` turns it round"
+                      which is right for a solid alone that is seen from outside; for the space within, `--flip all` \
+                      turns it round"
             .to_owned(),
         Turn::InsideOut => format!(
             "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all \

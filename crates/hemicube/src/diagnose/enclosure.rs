@@ -66,7 +66,7 @@ const WELD: f64 = 1e-7;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Turn {
-    /// All: the model is wound outwards, and no patch sees the front of another.
+    /// All: the model is wound outwards.
     All,
     /// Groups that see only their own inside, with backs seen by others.
     InsideOut,

@@ -148,12 +148,9 @@ pub fn calibrate<'a>(
     backend: &mut dyn HemicubeBackend,
     execution: Execution<'_>,
 ) -> Result<Calibration, ComputeError> {
-    let each_up_to = match tolerance {
-        t if t < FINEST_OF_RAYS => MANY,
-        t if t <= exact::FINEST => exact::MOST_PATCHES,
-        _ => SMALL,
-    };
-    if model.patches().len() <= each_up_to && tolerance <= FINE {
+    let each_up_to = if tolerance < FINEST_OF_RAYS { MANY } else { SMALL };
+    let is_small = model.patches().len() <= each_up_to && tolerance <= FINE;
+    if is_small || exact::is_worth(model, tolerance) {
         return Ok(each_pair(model, tolerance));
     }
     let Emitters { elements, grouping } = emitters.into();
