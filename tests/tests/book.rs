@@ -48,6 +48,11 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
         "takes long, and wants other people's packages from PyPI",
     ),
     (
+        "docs/peers.md",
+        "scripts/view3d OUT.json",
+        "takes minutes, and builds View3D from its own repository",
+    ),
+    (
         "docs/python.md",
         "python3 -m venv venv",
         "`./test` builds the wheel, installs it into an environment of its own and runs the page there",

@@ -66,8 +66,8 @@ pub(crate) fn questions(
         sentences.push(format!(
             "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is \
              backs",
-            percent(found.escaped),
-            percent(found.blocked)
+            percent(1.0 - blocked),
+            percent(blocked)
         ));
     }
     if sentences.is_empty() {

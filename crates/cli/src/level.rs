@@ -2,6 +2,7 @@
 
 use crate::args::{Correction as Name, RenderSettings, Tolerance};
 use crate::exit::hinted;
+use crate::report::small_percent;
 use anyhow::{Result, anyhow};
 use hemicube::Model;
 use hemicube::accuracy::correct::Correction;
@@ -69,7 +70,7 @@ pub(crate) fn explain(error: LevelError) -> anyhow::Error {
             anyhow!(
                 "`--store {}` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
                 form.name(),
-                percentage(rounding),
+                small_percent(rounding),
                 percentage(tolerance)
             ),
             match form {
