@@ -670,8 +670,8 @@ fn processor_time() -> f64 {
     (ticks() + ticks()) / 100.0
 }
 
-/// Loading is all up to the model: reading the file and repairing it, octree and order of work. After it comes what a run
-/// of one point takes: the backend opened and the scene loaded into it, the point's hemicubes, its row.
+/// Loading is all up to the model: reading the file and repairing it, octree and order of work. After it comes what a
+/// run of one point takes: the backend opened and the scene loaded into it, the point's hemicubes, its row.
 #[test]
 #[ignore = "a measurement of processor time, for a machine without other work: ./test --full"]
 fn one_point_of_a_city_of_20_000_patches_takes_a_tenth_of_a_second_after_loading() {

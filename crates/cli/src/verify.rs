@@ -87,8 +87,8 @@ pub(crate) fn reference_rows(
 /// Most elements of a patch with a reference row; of patches with more, so many are drawn.
 const MOST_ELEMENTS: usize = 32;
 
-/// Settings of a reference for the drawn rows, of `elements` elements a patch. The errors of n elements average out in the
-/// row of their patch: each may be √n times as large.
+/// Settings of a reference for the drawn rows, of `elements` elements a patch. The errors of n elements average out in
+/// the row of their patch: each may be √n times as large.
 fn settings_of(verify: Verify<'_>, elements: f64) -> ReferenceSettings {
     let settings = reference_settings(verify.tolerance, verify.seed);
     ReferenceSettings {

@@ -17,8 +17,8 @@
 //! fraction. `shaft` lists the occluders between two triangles, as coplanar regions (`coplanar`): none, or one in front
 //! of all, is proof. Otherwise rays are cast at those few, by segments or, near contact, by directions of a scrambled
 //! Sobol sequence, in numbers by the spread of the rays so far. If that is dear, `exact` measures from points without
-//! rays. Scenes of up to 400 patches have all pairs measured, and at 0.2 % or less each to the tolerance by itself; so do
-//! scenes of up to 2,048 at 0.01 % or less, by cells cut along critical lines (`refine/exact`).
+//! rays. Scenes of up to 400 patches have all pairs measured, and at 0.2 % or less each to the tolerance by itself; so
+//! do scenes of up to 2,048 at 0.01 % or less, by cells cut along critical lines (`refine/exact`).
 //!
 //! The level *area*, without a tolerance, does likewise for a few pairs (`Refiner::refine_selected`). No sample is
 //! compared with rays: prior variances are those measured in rooms and cities, and a pair is worth a shaft if its

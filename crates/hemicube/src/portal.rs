@@ -26,10 +26,11 @@
 //!
 //! Planes of symmetry, sectors and periods are no surfaces and have the weight 1: the cell's images are put round it
 //! ([`images`]), and columns of images are added into the cell's. Every accuracy level then works as ever, closed forms
-//! included. Mirrors and panes ([`Specular`]) are followed after a row is finished ([`extend`]): by a hemicube's pixels, or by
-//! rays from all over the patch with closed forms between the moved emitter and what it sees.
+//! included. Mirrors and panes ([`Specular`]) are followed after a row is finished ([`extend`]): by a hemicube's
+//! pixels, or by rays from all over the patch with closed forms between the moved emitter and what it sees.
 //!
-//! Pixels are drawn again as seen through a portal, in windows of the tree ([`extend`]), with whatever backend drew them first.
+//! Pixels are drawn again as seen through a portal, in windows of the tree ([`extend`]), with whatever backend drew
+//! them first.
 
 mod aim;
 pub mod extend;

@@ -875,9 +875,10 @@ impl Matrix {
     /// of `values`, or the number of patches in sight. `up` is for `.glb`, by default the scene's.
     ///
     /// `format` names a solver in place of the extension, as `hemicube export --for` does: 'calculix', 'elmer',
-    /// 'energyplus', 'openfoam', 'petsc', 'udales', 'view3d' or 'view3d-binary'. `by` ('patch', 'face', 'object', 'material';
-    /// by default as the solver counts) says what its rows are, `order` names all of them in the solver's order, `zone` is
-    /// EnergyPlus's, and `program_version` the solver's where its files tell it. The size is then of all files together.
+    /// 'energyplus', 'openfoam', 'petsc', 'udales', 'view3d' or 'view3d-binary'. `by` ('patch', 'face', 'object',
+    /// 'material'; by default as the solver counts) says what its rows are, `order` names all of them in the solver's
+    /// order, `zone` is EnergyPlus's, and `program_version` the solver's where its files tell it. The size is then of
+    /// all files together.
     #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false, format=None,
                         by=None, order=None, zone=None, program_version=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
@@ -922,8 +923,8 @@ impl Matrix {
         }
     }
 
-    /// A `pandas.DataFrame` of all form factors, from rows to columns, by the names of the patches, or by their numbers where
-    /// they are triangles; rows that were not computed are NaN. Up to 10,000 patches. Needs pandas.
+    /// A `pandas.DataFrame` of all form factors, from rows to columns, by the names of the patches, or by their numbers
+    /// where they are triangles; rows that were not computed are NaN. Up to 10,000 patches. Needs pandas.
     fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         crate::pandas::require_few(self.patch_count())?;
         let names = self.names()?;

@@ -75,8 +75,8 @@ impl Points {
         PyArray1::from_vec(py, sums).reshape([self.rows.len(), count])
     }
 
-    /// A `pandas.DataFrame` of a line a row: view factors to objects, or with `by='material'` to materials, by their names,
-    /// and `(sky)`, `(ground)`, `(blocked)`. Needs pandas.
+    /// A `pandas.DataFrame` of a line a row: view factors to objects, or with `by='material'` to materials, by their
+    /// names, and `(sky)`, `(ground)`, `(blocked)`. Needs pandas.
     #[pyo3(signature = (by="object"))]
     fn to_pandas<'py>(&self, py: Python<'py>, by: &str) -> PyResult<Bound<'py, PyAny>> {
         let zones = self.zones(py, by)?;

@@ -83,8 +83,8 @@ pub(crate) struct Arguments {
         help_heading = "Heat"
     )]
     pub(crate) solution: Option<PathBuf>,
-    /// Mean radiant temperature by black surfaces at the temperatures of a table: a line `name,20 °C` or `name,293` for each
-    /// object or material, `*` for all others
+    /// Mean radiant temperature by black surfaces at the temperatures of a table: a line `name,20 °C` or `name,293` for
+    /// each object or material, `*` for all others
     #[arg(long, value_name = "FILE", help_heading = "Heat")]
     pub(crate) temperatures: Option<PathBuf>,
     /// Temperature of the sky, in kelvin [default: what lay outside for the solution]

@@ -1,9 +1,10 @@
 //! The matrix as Apache Parquet: a table of triplets for DuckDB, pyarrow, Polars, Spark.
 //!
-//! Columns `row`, `col` (INT32, from 0) and `value` (FLOAT; DOUBLE of a double store), sorted by row and column; F\[row, col\] is from `row` to
-//! `col`. `row` and `col` are packed differences, hardly more than a byte an entry. `value` is plain; the repeating
-//! values of a compact store get a dictionary. No further compression: form factors are noise to a compressor.
-//! Uncomputed rows and rows without entries have no triplets, so the size of the matrix is metadata: `patch_count`.
+//! Columns `row`, `col` (INT32, from 0) and `value` (FLOAT; DOUBLE of a double store), sorted by row and column;
+//! F\[row, col\] is from `row` to `col`. `row` and `col` are packed differences, hardly more than a byte an entry.
+//! `value` is plain; the repeating values of a compact store get a dictionary. No further compression: form factors are
+//! noise to a compressor. Uncomputed rows and rows without entries have no triplets, so the size of the matrix is
+//! metadata: `patch_count`.
 
 use super::{Forecast, MatrixWriter};
 use crate::Result;

@@ -32,8 +32,8 @@
 //! Σⱼ dᵢ Sᵢⱼ dⱼ (1 − pⱼ) = Aᵢ tᵢ        tᵢ = 1 − escapedᵢ − blockedᵢ − cut offᵢ        passedᵢ = Σⱼ pⱼ Fᵢⱼ, anew
 //! ```
 //!
-//! With Aᵢ (1 − pᵢ) and Sᵢⱼ (1 − pᵢ) (1 − pⱼ) that is the scaling above; a patch that keeps nothing is scaled by its own
-//! row alone. More than min(Aᵢ, Aⱼ) may arrive there, and small entries stay.
+//! With Aᵢ (1 − pᵢ) and Sᵢⱼ (1 − pᵢ) (1 − pⱼ) that is the scaling above; a patch that keeps nothing is scaled by its
+//! own row alone. More than min(Aᵢ, Aⱼ) may arrive there, and small entries stay.
 //!
 //! Without reciprocity and closure, rows stay on their own: entries below the least factor are left out, and the others
 //! of the row share their sum in proportion. A row that would grow beyond the bound keeps all.
@@ -478,8 +478,8 @@ fn hand_on(part: &mut Part, row: usize, handed_on: &[f64]) {
     }
 }
 
-/// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order. `is_bounded`: at most
-/// min(Aᵢ, Aⱼ), without mirrors.
+/// The mean of both rows' exchange area of a pair, over √(Aᵢ Aⱼ): the same number in either order. `is_bounded`: at
+/// most min(Aᵢ, Aⱼ), without mirrors.
 fn mean(areas: &Areas, one: (u32, f64), other: (u32, f64), is_bounded: bool) -> f64 {
     let ((i, forward), (j, backward)) = if one.0 <= other.0 { (one, other) } else { (other, one) };
     let of = |values: &[f64], patch: u32| values.get(patch as usize).copied().unwrap_or(1.0);

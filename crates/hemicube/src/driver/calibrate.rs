@@ -4,9 +4,9 @@
 //! tell the error of visible fractions from one hemicube in this scene: the prior variances
 //! ([`crate::accuracy::correct::PriorVariances`]). Efforts are then tried on these rows, from the cheapest on, against
 //! the same rows with a quarter of the tolerance. The first that keeps the tolerance with a margin is taken.
-//! Where patches are several elements, the error is that of the patches' matrix (`grouped.rs`): errors of the elements' rows
-//! may be larger, by efforts of up to 8. What a row sums to keeps the tolerance whatever the effort, and so do closed forms.
-//! Everything depends on the scene, the settings and the seed, never on a clock.
+//! Where patches are several elements, the error is that of the patches' matrix (`grouped.rs`): errors of the elements'
+//! rows may be larger, by efforts of up to 8. What a row sums to keeps the tolerance whatever the effort, and so do
+//! closed forms. Everything depends on the scene, the settings and the seed, never on a clock.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
 //! would be a second truth.
@@ -251,8 +251,8 @@ struct Sample<'a> {
     tried: Vec<usize>,
     coarse: RowBlock,
     fine: RowBlock,
-    /// The patches of elements. The second half of `rows`, and of `tried`, then are other elements of the patches of the
-    /// first half, whose weights in their patches are here.
+    /// The patches of elements. The second half of `rows`, and of `tried`, then are other elements of the patches of
+    /// the first half, whose weights in their patches are here.
     grouping: Option<&'a Grouping>,
     weights: Vec<f64>,
 }
@@ -278,8 +278,8 @@ impl Sample<'_> {
         }
     }
 
-    /// A refinement that knows the scene's norm, whether it is open, and its prior variances; and the mean of Σ F² over the
-    /// rows of the matrix.
+    /// A refinement that knows the scene's norm, whether it is open, and its prior variances; and the mean of Σ F² over
+    /// the rows of the matrix.
     fn learn(&self) -> Result<(Refinement, f64), ComputeError> {
         let Self { model, receives, .. } = self;
         let (count, patch_count) = (self.rows.len(), model.patches().len());

@@ -7,7 +7,7 @@
 //! ```text
 //! w = cos θ Ω(x) / (π F)    a direction evenly of the solid angle Ω that the portal has at the point x (Arvo 1995,
 //!                           "Stratified sampling of spherical triangles"), or
-//! w = K A / F               a point evenly of a portal of area A that is small for its distance, K = cos θ cos φ / π r²
+//! w = K A / F               a point evenly of a portal of area A that is small for its distance, K = cosθ cosφ / πr²
 //! ```
 //!
 //! and none where something else is met. Portals with few rays share a sequence.

@@ -3,15 +3,15 @@
 //! - *pixel*: the pixels that see a portal are drawn again as seen through it (`pass`), each with its weight, in whole
 //!   numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
 //! - *point*: likewise, scaled to what closed forms say that the row hands on.
-//! - *area*, *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen through
-//!   them. Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its share of the
-//!   tolerance, unless more rays keep it for less. Two commuting mirrors, as of a duct, make one pair with one closed form
-//!   for either order.
+//! - *area*, *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen
+//!   through them. Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its
+//!   share of the tolerance, unless more rays keep it for less. Two commuting mirrors, as of a duct, make one pair with
+//!   one closed form for either order.
 //!
-//! What a row may cost is counted in legs between portals, never timed. With a tolerance T, rays end after 2¹⁸ · max(1 %/T, 1)
-//! legs, at most 2²⁴, and segments after as many again: what they leave is in the expected error. Paths are cut off after
-//! 2²² legs, or 2²⁵ with a tolerance, after 10,000 portals, and where no more than the bound is left of them. All that is
-//! counted.
+//! What a row may cost is counted in legs between portals, never timed. With a tolerance T, rays end after 2¹⁸ · max(1
+//! %/T, 1) legs, at most 2²⁴, and segments after as many again: what they leave is in the expected error. Paths are cut
+//! off after 2²² legs, or 2²⁵ with a tolerance, after 10,000 portals, and where no more than the bound is left of them.
+//! All that is counted.
 
 use super::aim::Casts;
 use super::gather::{Column, Found, Ledger, apportion};

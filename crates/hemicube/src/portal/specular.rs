@@ -274,8 +274,8 @@ impl Specular {
     }
 }
 
-/// The first triangle that lets light through on one side only: neither two-sided nor there both ways. However patches cut
-/// it, its corners are those of its other side.
+/// The first triangle that lets light through on one side only: neither two-sided nor there both ways. However patches
+/// cut it, its corners are those of its other side.
 fn one_sided(scene: &Scene, triangles: impl Iterator<Item = usize>) -> Option<usize> {
     let panes: BTreeSet<usize> = triangles.collect();
     let key = |triangle: usize| {

@@ -7,8 +7,8 @@
 //! coordinates"): no corner is clipped. Edges are products of two corners, so that two triangles with a common edge
 //! compute it with opposite signs, to the bit, and every pixel centre belongs to one of them at least.
 //!
-//! No second hemicube of the backend for each portal, because most portals fill a few of its pixels: what a window costs
-//! goes with its pixels, and any backend that hands out item buffers will do for the first pass.
+//! No second hemicube of the backend for each portal, because most portals fill a few of its pixels: what a window
+//! costs goes with its pixels, and any backend that hands out item buffers will do for the first pass.
 
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::geometry::Plane;

@@ -8,15 +8,17 @@
 //! which takes less off a measured error than if it were all in one column.
 //!
 //! **Samples.** A patch of many elements would take a reference row of each. Of m elements drawn in proportion to their
-//! areas, one in each m-th of the area, the rows f as computed and r as traced differ by d = f − r. Rows of a patch differ
-//! much from each other, these differences little, so that their mean tells E_I = F_I − (true F_I) with few of them:
+//! areas, one in each m-th of the area, the rows f as computed and r as traced differ by d = f − r. Rows of a patch
+//! differ much from each other, these differences little, so that their mean tells E_I = F_I − (true F_I) with few of
+//! them:
 //!
 //! ```text
 //! E_IJ = Σ_k d_kJ / m        σ_IJ² = Σ_k (d_kJ − E_IJ)² / (m (m − 1))        d_kJ = Σ_{j∈J} (f_kj − r_kj)
 //! ```
 //!
-//! σ holds the noise of rays and the spread of the elements; strata make it smaller than that. What F_I − E_I has in place of
-//! the reference then rests on F_I being the mean of its elements' rows, as computed: a store is held to that by checksums.
+//! σ holds the noise of rays and the spread of the elements; strata make it smaller than that. What F_I − E_I has in
+//! place of the reference then rests on F_I being the mean of its elements' rows, as computed: a store is held to that
+//! by checksums.
 
 use super::random::Random;
 use super::{EstimatedRow, ReferenceRow};
@@ -102,9 +104,9 @@ pub fn rows_of_patches(
         .collect()
 }
 
-/// Draws `most` of a patch's `elements`, or takes all where there are no more: one in each `most`-th of the area, in their
-/// order, by the random numbers of `seed`. `area` is that of an element. An element larger than its part may come several
-/// times.
+/// Draws `most` of a patch's `elements`, or takes all where there are no more: one in each `most`-th of the area, in
+/// their order, by the random numbers of `seed`. `area` is that of an element. An element larger than its part may come
+/// several times.
 pub fn draw_elements(
     elements: &[InputPatch],
     most: usize,
@@ -130,8 +132,8 @@ pub fn draw_elements(
         .collect()
 }
 
-/// The reference row of a patch from those of a sample of its elements: `drawn` as computed and as traced, in pairs. `stored`
-/// is the patch's row. What escapes is such that the row closes as the elements' rows do on average.
+/// The reference row of a patch from those of a sample of its elements: `drawn` as computed and as traced, in pairs.
+/// `stored` is the patch's row. What escapes is such that the row closes as the elements' rows do on average.
 ///
 /// ```
 /// use hemicube::reference::{EstimatedRow, ReferenceRow, row_of_sample};

@@ -43,7 +43,8 @@ pub struct Assembly<I> {
 }
 
 impl<I: Index> Assembly<I> {
-    /// For rows of so many entries each, in input order, of this width. `None` when there are more of them than `I` counts.
+    /// For rows of so many entries each, in input order, of this width. `None` when there are more of them than `I`
+    /// counts.
     pub fn new(entries_of_rows: &[u64], precision: Precision) -> Option<Self> {
         let mut indptr = Vec::with_capacity(entries_of_rows.len() + 1);
         let mut end = 0_u64;

@@ -4,7 +4,8 @@
 //!
 //! ```text
 //! mkdir -p fuzz/artifacts/new
-//! cargo fuzz run -s none energyplus fuzz/artifacts/new fuzz/corpus/energyplus -- -max_len=4096 -timeout=5 -rss_limit_mb=1024
+//! cargo fuzz run -s none energyplus fuzz/artifacts/new fuzz/corpus/energyplus -- -max_len=4096 -timeout=5
+//! -rss_limit_mb=1024
 //! ```
 
 #![no_main]

@@ -523,8 +523,9 @@ impl Reader {
         }
     }
 
-    /// The `newmtl`, `Kd`, `Ke`, `Ks`, `d`, `Tr`, `Ni` and `illum` lines of a material library, fit for `tobj`. `tobj` gives up a whole library at one
-    /// bad line, even of a kind unused here, and panics at a colour of fewer than three numbers.
+    /// The `newmtl`, `Kd`, `Ke`, `Ks`, `d`, `Tr`, `Ni` and `illum` lines of a material library, fit for `tobj`. `tobj`
+    /// gives up a whole library at one bad line, even of a kind unused here, and panics at a colour of fewer than three
+    /// numbers.
     fn library_lines(&mut self, text: &[u8]) -> String {
         let text = crate::text::unmarked(text).unwrap_or(text);
         let mut kept = String::new();

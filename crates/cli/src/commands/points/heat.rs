@@ -87,7 +87,8 @@ impl Heat {
         })
     }
 
-    /// Of black surfaces at the temperatures of a table. What lies outside is NaN unless the options say how warm it is.
+    /// Of black surfaces at the temperatures of a table. What lies outside is NaN unless the options say how warm it
+    /// is.
     pub(super) fn of_table(arguments: &Arguments, path: &Path, prepared: &Prepared) -> Result<Self> {
         let table = read(path)?;
         let scene = &prepared.scene;
@@ -164,8 +165,8 @@ impl Heat {
 /// Bytes of a table of temperatures, at most.
 const TABLE_BYTES_MAX: u64 = 1 << 26;
 
-/// Names and temperatures in kelvin, one a line: `name,kelvin` or `name,20 °C`. A name in quotes may hold a comma; a first
-/// line whose second column is `temperature` is a header.
+/// Names and temperatures in kelvin, one a line: `name,kelvin` or `name,20 °C`. A name in quotes may hold a comma; a
+/// first line whose second column is `temperature` is a header.
 fn read(path: &Path) -> Result<Vec<(String, f64)>> {
     let failed = || format!("`{}` cannot be read", path.display());
     if std::fs::metadata(path).with_context(failed)?.len() > TABLE_BYTES_MAX {

@@ -7,8 +7,8 @@
 //! around   the inside lies within the shell's box, and its |V| is at most half of the shell's
 //! ```
 //!
-//! The last line leaves out a solid with rooms in it, which is right from both sides: the rooms fill most of it. A shell
-//! without an inside is an empty matrix, which fails by itself.
+//! The last line leaves out a solid with rooms in it, which is right from both sides: the rooms fill most of it. A
+//! shell without an inside is an empty matrix, which fails by itself.
 
 use crate::store::{PatchTable, RowShares};
 use glam::DVec3;

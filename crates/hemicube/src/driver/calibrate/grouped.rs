@@ -6,9 +6,10 @@
 //! |Σ_{i∈I} w_i e_i|² = Σ_i w_i² |e_i|² + Σ_{i≠k} w_i w_k e_i·e_k = E_i [ w_i |e_i|² + (1 − w_i) e_i·e_k ]
 //! ```
 //!
-//! with i drawn in proportion to w, and k, among the others, too. Independent errors leave the first term, 1/n of |e|² with n
-//! equal elements; errors that all elements share leave |e|² (Jensen's bound): neighbours look past the same edges. How much
-//! of either there is, the second term measures; |Σ w f|², of which the error is a share, likewise. Patches are drawn in turn.
+//! with i drawn in proportion to w, and k, among the others, too. Independent errors leave the first term, 1/n of |e|²
+//! with n equal elements; errors that all elements share leave |e|² (Jensen's bound): neighbours look past the same
+//! edges. How much of either there is, the second term measures; |Σ w f|², of which the error is a share, likewise.
+//! Patches are drawn in turn.
 
 use super::Row;
 use crate::Grouping;
@@ -16,8 +17,8 @@ use crate::sampling::splitmix;
 use hemicube_scene::{InputPatch, Patches};
 use std::collections::BTreeMap;
 
-/// Elements drawn: `rows` and `twins`, of one patch each pair, pairs of a patch side by side; and w of each row. The twin of
-/// a patch's only element is itself.
+/// Elements drawn: `rows` and `twins`, of one patch each pair, pairs of a patch side by side; and w of each row. The
+/// twin of a patch's only element is itself.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Draw {
     pub(super) rows: Vec<InputPatch>,

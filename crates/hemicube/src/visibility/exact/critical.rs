@@ -868,8 +868,8 @@ mod tests {
         known: f64,
     }
 
-    /// Walton's square obstruction (NISTIR 6925), a slat, and what stands before a wall, by Gauss–Legendre quadrature over
-    /// each smooth piece; plates through a leaning wall, by adaptive quadrature over points.
+    /// Walton's square obstruction (NISTIR 6925), a slat, and what stands before a wall, by Gauss–Legendre quadrature
+    /// over each smooth piece; plates through a leaning wall, by adaptive quadrature over points.
     fn cases() -> Vec<Case> {
         let p = DVec3::new;
         let level = |[x, u]: [f64; 2], [y, v]: [f64; 2], z| quad([p(x, y, z), p(u, y, z), p(u, v, z), p(x, v, z)]);
