@@ -103,18 +103,18 @@ fn every_format_has_the_same_matrix_of_the_room() {
         assert_eq!(by_object, zones, "{name}");
     }
     // Each face an object of its own, whose sums are rounded otherwise; or faces from other corners on.
-    for (name, is_same) in [
-        ("room-assembly.inp", true),
-        ("room.idf", true),
-        ("room-relative.idf", true),
-        ("room.epJSON", true),
-        ("room.gbxml", true),
-        ("room-solids.inp", false),
+    // Cells of hidden pairs are cut otherwise then: within the tolerance's bound of an entry.
+    for (name, is_same, most) in [
+        ("room-assembly.inp", false, 1e-5),
+        ("room.idf", true, 1e-7),
+        ("room-relative.idf", true, 1e-7),
+        ("room.epJSON", true, 1e-7),
+        ("room.gbxml", true, 1e-7),
+        ("room-solids.inp", false, 1e-3),
     ] {
         let (found, by_object) = room(&place, name, [""; 2]);
         assert!(!is_same || found == matrix, "{name}: another matrix");
         let (areas, factors) = difference(&by_object, &zones);
-        let most = if is_same { 1e-7 } else { 1e-3 };
         assert!(
             areas < 1e-9 && factors < most,
             "{name}: areas off by {areas}, form factors by {factors}"

@@ -272,10 +272,10 @@ impl SensorRow {
             factor * radiosity.get(patch.0 as usize).copied().unwrap_or(f64::NAN)
         };
         let patches: f64 = self.patches.iter().map(of_patch).sum();
-        let fourth = patches / crate::solve::STEFAN_BOLTZMANN
-            + self.sky * sky.powi(4)
-            + self.ground * ground.powi(4)
-            + self.blocked * backs.powi(4);
+        // Nothing is asked of what is not seen: its temperature may be NaN.
+        let of = |share: f64, kelvin: f64| if share > 0.0 { share * kelvin.powi(4) } else { 0.0 };
+        let outside = of(self.sky, sky) + of(self.ground, ground) + of(self.blocked, backs);
+        let fourth = patches / crate::solve::STEFAN_BOLTZMANN + outside;
         // NaN must show.
         if fourth < 0.0 { 0.0 } else { fourth.sqrt().sqrt() }
     }

@@ -30,9 +30,6 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
 
-/// Number of points of a cell.
-const POINTS: usize = 19;
-
 /// Bound of the shadows' pieces from one point.
 const MOST_PIECES: usize = 200;
 /// Bound of a piece's corners: eight, and one more for each plane of a cone.
@@ -100,14 +97,6 @@ impl Ord for Cell {
     fn cmp(&self, other: &Self) -> Ordering {
         self.error.total_cmp(&other.error).then(other.number.cmp(&self.number))
     }
-}
-
-/// What a point sees of the target.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Seen {
-    All,
-    Part,
-    None,
 }
 
 /// The blocked part of an exchange area.
@@ -498,13 +487,10 @@ impl CriticalCells {
             }
             return Some(());
         }
-        let is_blind = self.evaluate(&mut cell, view)?;
-        cell.error = cell.difference;
-        if is_blind {
-            // All points see the same: a shadow that enters beyond a line may have been missed.
-            let missed = MISSED * largest * largest * view.mean * geometry::area(&corners);
-            cell.error = cell.error.max(missed);
-        }
+        self.evaluate(&mut cell, view)?;
+        // A shadow that enters beyond a line may have been missed, and both rules may agree on it by chance.
+        let missed = MISSED * largest * largest * view.mean * geometry::area(&corners);
+        cell.error = cell.difference.max(missed);
         out.push(cell);
         Some(())
     }
@@ -539,26 +525,21 @@ impl CriticalCells {
         Some(())
     }
 
-    /// Integrates B over a cell by both rules; returns whether all its points see nothing blocked, or nothing else.
-    fn evaluate(&mut self, cell: &mut Cell, view: &View<'_>) -> Option<bool> {
-        let (mut open, mut hidden) = (0, 0);
+    /// Integrates B over a cell by both rules.
+    fn evaluate(&mut self, cell: &mut Cell, view: &View<'_>) -> Option<()> {
         let area = geometry::area(&cell.corners);
         for (x, weights) in nineteen(&cell.corners) {
             self.points += 1;
-            match self.point(x, weights, &cell.relevant, view)? {
-                Seen::All => open += 1,
-                Seen::None => hidden += 1,
-                Seen::Part => {}
-            }
+            self.point(x, weights, &cell.relevant, view)?;
         }
         let [fifth, eighth] = self.terms.finish().map(|sum| sum * area);
         cell.value = eighth;
         cell.difference = (eighth - fifth).abs();
-        Some(open == POINTS || hidden == POINTS)
+        Some(())
     }
 
     /// Adds the edges of the shadows seen from `x`. `None` if there are too many pieces.
-    fn point(&mut self, x: DVec3, weights: [f64; 2], relevant: &Range<usize>, view: &View<'_>) -> Option<Seen> {
+    fn point(&mut self, x: DVec3, weights: [f64; 2], relevant: &Range<usize>, view: &View<'_>) -> Option<()> {
         let mut target = Shape::EMPTY;
         for &corner in view.target {
             target.push(corner - x);
@@ -567,7 +548,6 @@ impl CriticalCells {
         self.cone_ends.clear();
         self.pieces.clear();
         let (mut part, mut rest) = (Shape::EMPTY, Shape::EMPTY);
-        let mut seen = Seen::All;
         for at in relevant.clone() {
             let index = self.relevant[at] as usize;
             let occluder = &self.occluders[index];
@@ -606,14 +586,12 @@ impl CriticalCells {
             if is_whole {
                 self.pieces.clear();
                 self.pieces.push(target);
-                seen = Seen::None;
                 break;
             }
             if inside.len() < 3 {
                 self.cones.truncate(start);
                 continue;
             }
-            seen = Seen::Part;
             self.own.clear();
             keep(&mut self.own, &inside);
             self.take_earlier(start);
@@ -631,7 +609,7 @@ impl CriticalCells {
                 before = corner;
             }
         }
-        Some(seen)
+        Some(())
     }
 
     /// Takes the shadows before this one away from its pieces; `end` is the end of their planes.
