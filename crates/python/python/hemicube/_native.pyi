@@ -5,6 +5,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix  # type: ignore[import-untyped, unused-ignore]
+from typing_extensions import disjoint_base
 
 __version__: str
 STEFAN_BOLTZMANN: float
@@ -256,6 +257,7 @@ class Exchange:
     def resistors(self) -> list[tuple[int, int, float]]: ...
     def __len__(self) -> int: ...
 
+@disjoint_base
 class Views:
     def __len__(self) -> int: ...
     @property
