@@ -255,6 +255,9 @@ impl Problem {
         {
             return wrong("the irradiance from outside is not of the emission's patches and right-hand sides".into());
         }
+        if let Some(bad) = self.reflectance.values().iter().find(|r| !(0.0..=1.0).contains(*r)) {
+            return wrong(format!("a reflectance is {bad}; it is from 0 to 1"));
+        }
         if let Some(returned) = &self.returned {
             if returned.len() != patches {
                 return wrong(format!(
@@ -275,9 +278,6 @@ impl Problem {
         }
         if self.bands.len() != columns || self.bands.iter().any(|&band| band >= self.reflectance.columns()) {
             return wrong("a right-hand side is of a band that has no reflectance".into());
-        }
-        if let Some(bad) = self.reflectance.values().iter().find(|r| !(0.0..=1.0).contains(*r)) {
-            return wrong(format!("a reflectance is {bad}; it is from 0 to 1"));
         }
         let outside = self.outside.iter().flat_map(|outside| outside.values());
         if let Some(bad) = self.emission.values().iter().chain(outside).find(|e| !e.is_finite()) {

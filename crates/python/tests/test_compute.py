@@ -199,7 +199,7 @@ def test_settings_are_refused_by_name(keywords: dict[str, object], kind: type[Ex
 def test_stores_that_are_something_else(tmp_path: pathlib.Path) -> None:
     scene = squares(1.0, 2)
     matrix = hemicube.compute(scene, output=tmp_path / "store")
-    with pytest.raises(hemicube.StoreError, match="--resolution 128`.*--resolution 64`.*`overwrite=True` replaces it"):
+    with pytest.raises(hemicube.StoreError, match="resolution=128`.*resolution=64`.*`overwrite=True` replaces it"):
         hemicube.compute(scene, output=tmp_path / "store", resolution=64)
     other = hemicube.compute(scene, output=tmp_path / "store", resolution=64, overwrite=True)
     assert (matrix.settings["resolution"], other.settings["resolution"]) == (128, 64)
