@@ -14,6 +14,12 @@ impl Random {
         z ^ (z >> 31)
     }
 
+    /// A number in [0, 1), evenly.
+    #[allow(clippy::cast_precision_loss, reason = "53 bits")]
+    pub fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
     /// A number below `bound`, at least 1.
     ///
     /// # Panics

@@ -43,3 +43,30 @@ pub fn room(x: f64, y: f64, z: f64) -> Vec<Quad<'static>> {
 pub fn both_ways<'q>((name, [a, b, c, d]): Quad<'q>) -> [Quad<'q>; 2] {
     [(name, [a, b, c, d]), (name, [a, d, c, b])]
 }
+
+/// Asserts |found − exact| ≤ most.
+///
+/// # Panics
+/// When it is more, or NaN.
+#[track_caller]
+pub fn near(found: f64, exact: f64, most: f64) {
+    assert!(
+        (found - exact).abs() <= most,
+        "{found} is {:e} off {exact}",
+        found - exact
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::near;
+    use std::panic::catch_unwind;
+
+    #[test]
+    fn what_is_too_far_or_no_number_is_not_near() {
+        near(1.0, 1.5, 0.5);
+        for found in [0.9, 2.1, f64::NAN] {
+            assert!(catch_unwind(|| near(found, 1.5, 0.5)).is_err(), "{found}");
+        }
+    }
+}

@@ -7,29 +7,15 @@
 use glam::DVec3;
 use hemicube::portal::Law;
 use hemicube::sky::{SkyDivision, StoredSky};
-use hemicube_tests::rooms::{Quad, both_ways, obj, room};
+use hemicube_tests::random::Random;
+use hemicube_tests::rooms::{Quad, both_ways, near, obj, room};
 use hemicube_tests::runs::Place;
 use std::f64::consts::TAU;
 
-#[track_caller]
-fn near(found: f64, exact: f64, most: f64) {
-    assert!(
-        (found - exact).abs() <= most,
-        "{found} is {:e} off {exact}",
-        found - exact
-    );
-}
-
-/// Evenly in [0, 1): a SplitMix64 stream.
+/// Evenly in [0, 1).
 fn random() -> impl FnMut() -> f64 {
-    let mut state = 7u64;
-    move || {
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
+    let mut random = Random(7);
+    move || random.unit()
 }
 
 const INDEX: f64 = 1.52;

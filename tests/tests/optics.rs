@@ -7,7 +7,7 @@
 
 use hemicube::portal::Law;
 use hemicube::solve::STEFAN_BOLTZMANN;
-use hemicube_tests::rooms::{Quad, both_ways, obj, room};
+use hemicube_tests::rooms::{Quad, both_ways, near, obj, room};
 use hemicube_tests::runs::Place;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -45,15 +45,6 @@ fn zones(place: &Place, store: &str) -> Zones {
 
 fn of(zones: &Zones, from: &str, to: &str) -> f64 {
     zones[&(from.to_owned(), to.to_owned())]
-}
-
-#[track_caller]
-fn near(found: f64, exact: f64, most: f64) {
-    assert!(
-        (found - exact).abs() <= most,
-        "{found} is {:e} off {exact}",
-        found - exact
-    );
 }
 
 /// Net heat of each surface, and its mean temperature.

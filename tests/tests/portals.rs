@@ -13,39 +13,12 @@ use hemicube::store::{Part, PatchTable, Store, StoreWriter};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_tests::geometry::{parallel_rectangles, parallel_rectangles_apart};
+use hemicube_tests::rooms::{Quad, near, obj, room};
 use hemicube_tests::runs::{Place, assert_same};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-type Corner = [f64; 3];
-
-/// An OBJ file of quads, each an object and a material of its name, their fronts where corners run counter-clockwise.
-fn obj(quads: &[(&str, [Corner; 4])]) -> String {
-    let mut text = String::new();
-    for (number, (name, corners)) in quads.iter().enumerate() {
-        for [x, y, z] in corners {
-            writeln!(text, "v {x} {y} {z}").expect("a string");
-        }
-        let first = 4 * number + 1;
-        let (b, c, d) = (first + 1, first + 2, first + 3);
-        writeln!(text, "o {name}\nusemtl {name}\nf {first} {b} {c} {d}").expect("a string");
-    }
-    text
-}
-
-/// The faces of the box from the origin to (x, y, z), seen from within.
-fn room(x: f64, y: f64, z: f64) -> Vec<(&'static str, [Corner; 4])> {
-    vec![
-        ("bottom", [[0., 0., 0.], [x, 0., 0.], [x, y, 0.], [0., y, 0.]]),
-        ("top", [[0., 0., z], [0., y, z], [x, y, z], [x, 0., z]]),
-        ("x0", [[0., 0., 0.], [0., y, 0.], [0., y, z], [0., 0., z]]),
-        ("x1", [[x, 0., 0.], [x, 0., z], [x, y, z], [x, y, 0.]]),
-        ("y0", [[0., 0., 0.], [0., 0., z], [x, 0., z], [x, 0., 0.]]),
-        ("y1", [[0., y, 0.], [x, y, 0.], [x, y, z], [0., y, z]]),
-    ]
-}
-
-fn without<'q>(quads: Vec<(&'q str, [Corner; 4])>, names: &[&str]) -> Vec<(&'q str, [Corner; 4])> {
+fn without<'q>(quads: Vec<Quad<'q>>, names: &[&str]) -> Vec<Quad<'q>> {
     quads.into_iter().filter(|(name, _)| !names.contains(name)).collect()
 }
 
@@ -82,7 +55,7 @@ impl Folder {
 struct Folder(Place);
 
 impl Folder {
-    fn new(quads: &[(&str, [Corner; 4])], optics: &str) -> Self {
+    fn new(quads: &[Quad<'_>], optics: &str) -> Self {
         let place = Place::new();
         place.write("scene.obj", obj(quads));
         place.write("optics.toml", optics);
@@ -104,15 +77,6 @@ impl Folder {
     fn check(&self) -> serde_json::Value {
         self.0.line("check store --json").json()
     }
-}
-
-#[track_caller]
-fn near(found: f64, exact: f64, most: f64) {
-    assert!(
-        (found - exact).abs() <= most,
-        "{found} is {:e} off {exact}",
-        found - exact
-    );
 }
 
 const MIRROR: &str = "[object.x1]\nspecular = 1\n";

@@ -8,7 +8,7 @@
 //! commands/       one module a command: its arguments, its paths, its work, its report
 //! stored verify enclosure materials picture/    work shared by commands: an old matrix's scene, errors, pictures
 //! prepare level selection shard config          scenes and settings made from arguments
-//! progress outputs table forecast               progress, the rule of outputs, tables of numbers, memory and disk
+//! progress outputs table toml_file forecast     progress, the rule of outputs, files people write, memory and disk
 //! report          reports, files, the form of numbers
 //! exit            exit codes, interrupts, errors with hints
 //! log             messages
@@ -42,6 +42,7 @@ mod shard;
 mod shell;
 mod stored;
 mod table;
+mod toml_file;
 mod verify;
 
 use crate::command_line::{Cli, Command};

@@ -22,7 +22,8 @@
 //! `hemicube::solve::Properties` has the rule of precedence.
 
 use crate::exit::hinted;
-use anyhow::{Context, Result, anyhow, bail};
+use crate::toml_file;
+use anyhow::{Result, anyhow, bail};
 use hemicube::solve::{Entry, Named, PrintedTable, Properties, PropertyError, Spectrum, Tables};
 use hemicube::store::{Manifest, PatchTable};
 use hemicube_scene::{Material, ReadOptions};
@@ -56,21 +57,7 @@ pub(crate) fn read(
         .map(|scene| of_scene(&manifest.materials, scene, allow_large))
         .transpose()?;
     let tables: Tables = match path {
-        Some(path) => {
-            let text = hemicube_scene::read_regular_text(path)
-                .with_context(|| format!("`{}` cannot be read", path.display()))?;
-            toml::from_str(&text).map_err(|error: toml::de::Error| {
-                let start = error.span().map_or(0, |span| span.start);
-                let line = 1 + text
-                    .as_bytes()
-                    .iter()
-                    .take(start)
-                    .filter(|&&byte| byte == b'\n')
-                    .count();
-                let reason = error.message().trim().replace('\n', ", ");
-                anyhow!("{}:{line}: it is no file of materials: {reason}", path.display())
-            })?
-        }
+        Some(path) => toml_file::read(path, "materials")?,
         None => Tables::default(),
     };
     let shown = path.map_or_else(String::new, |path| format!("`{}`: ", path.display()));

@@ -1,6 +1,7 @@
 //! Portals of a run: mirrors and panes from a TOML file, planes of symmetry, sectors and periods from the command line.
 
 use crate::prepare::Prepared;
+use crate::toml_file;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use hemicube::HierarchyOptions;
@@ -113,22 +114,7 @@ const SCENE: &str = "scene";
 
 /// The file of mirrors and panes.
 fn read(path: &Path) -> Result<Glazing> {
-    let text =
-        hemicube_scene::read_regular_text(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
-    toml::from_str(&text).map_err(|error: toml::de::Error| {
-        let start = error.span().map_or(0, |span| span.start);
-        let line = 1 + text
-            .as_bytes()
-            .iter()
-            .take(start)
-            .filter(|&&byte| byte == b'\n')
-            .count();
-        let reason = error.message().trim().replace('\n', ", ");
-        anyhow!(
-            "{}:{line}: it is no file of mirrors and panes: {reason}",
-            path.display()
-        )
-    })
+    toml_file::read(path, "mirrors and panes")
 }
 
 impl PortalSettings {

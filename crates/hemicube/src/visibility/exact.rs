@@ -158,6 +158,56 @@ struct View<'a> {
     normal: DVec3,
 }
 
+/// The two triangles of a pair, by normals and by place: points lie on the outer one.
+struct Sides<'a> {
+    emitter_normal: DVec3,
+    receiver_normal: DVec3,
+    outer: &'a [DVec3; 3],
+    outer_normal: DVec3,
+    inner: &'a [DVec3; 3],
+    inner_normal: DVec3,
+    /// The greatest distance of a corner from the origin.
+    size: f64,
+}
+
+impl<'a> Sides<'a> {
+    /// `None` if a triangle has no normal.
+    fn of(pair: &'a TrianglePair) -> Option<Self> {
+        let (emitter, receiver) = (&pair.emitter, &pair.receiver);
+        let unit = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
+        let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
+        let corners = emitter.iter().chain(receiver);
+        let (outer, outer_normal, inner, inner_normal) = if pair.receiver_is_smaller {
+            (receiver, receiver_normal, emitter, emitter_normal)
+        } else {
+            (emitter, emitter_normal, receiver, receiver_normal)
+        };
+        Some(Self {
+            emitter_normal,
+            receiver_normal,
+            outer,
+            outer_normal,
+            inner,
+            inner_normal,
+            size: corners.map(|p| p.length_squared()).fold(0.0, f64::max).sqrt(),
+        })
+    }
+
+    /// The parts of the outer triangle in front of the inner one that see it, and those that do not: if the receiver is
+    /// the outer one, its part under a coplanar patch is seen from nowhere. `None` if none is in front.
+    fn parts(&self, pair: &TrianglePair) -> Option<(Pieces, Pieces)> {
+        let from = in_front(self.outer, self.inner[0], self.inner_normal, 0.0)?;
+        let (mut seen, mut covered) = (Pieces::default(), Pieces::default());
+        seen.push(from.corners().iter().copied());
+        if pair.receiver_is_smaller {
+            for triangle in &pair.coplanar {
+                seen = without(&seen, triangle, self.receiver_normal, &mut covered);
+            }
+        }
+        Some((seen, covered))
+    }
+}
+
 impl ExactVisibility {
     /// Measures the visible fraction of a pair until its cells' error estimates add up to `precision.enough`. `None` if
     /// the pair has too many occluders, a polygon falls in too many pieces, or nothing of one triangle is in front of
@@ -174,60 +224,41 @@ impl ExactVisibility {
         if pair.is_crowded {
             return None;
         }
-        let (emitter, receiver) = (&pair.emitter, &pair.receiver);
+        let sides = Sides::of(pair)?;
         let tolerance = regions.tree.plane_tolerance;
-        let unit = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
-        let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
         self.relevant.clear();
-        let size = emitter
-            .iter()
-            .chain(receiver)
-            .map(|p| p.length_squared())
-            .fold(0.0, f64::max)
-            .sqrt();
-        self.slack = ROUNDING * size.powi(3);
+        self.slack = ROUNDING * sides.size.powi(3);
         for triangle in shaft.triangles(regions, pair) {
-            let Some(above) = in_front(&triangle, emitter[0], emitter_normal, tolerance) else {
+            let Some(above) = in_front(&triangle, pair.emitter[0], sides.emitter_normal, tolerance) else {
                 continue;
             };
-            let offset = receiver_normal.dot(receiver[0]);
-            let (between, _) = Polygon::of(above.corners()).split(receiver_normal, offset, tolerance);
+            let offset = sides.receiver_normal.dot(pair.receiver[0]);
+            let (between, _) = Polygon::of(above.corners()).split(sides.receiver_normal, offset, tolerance);
             self.push_occluder(between, &triangle);
         }
         if self.occluders.len() > MOST_OCCLUDERS {
             return None;
         }
-        let (outer, inner, outer_normal, inner_normal) = if pair.receiver_is_smaller {
-            (receiver, emitter, receiver_normal, emitter_normal)
-        } else {
+        if !pair.receiver_is_smaller {
             for triangle in &pair.coplanar {
                 self.push_occluder(Polygon::of(triangle), triangle);
             }
-            (emitter, receiver, emitter_normal, receiver_normal)
-        };
-        let target = in_front(inner, outer[0], outer_normal, 0.0)?;
-        let from = in_front(outer, inner[0], inner_normal, 0.0)?;
+        }
+        let target = in_front(sides.inner, sides.outer[0], sides.outer_normal, 0.0)?;
         let view = View {
             target: target.corners(),
-            inner,
+            inner: sides.inner,
             is_near: pair.is_near,
-            normal: outer_normal,
+            normal: sides.outer_normal,
         };
         #[allow(clippy::cast_possible_truncation, reason = "fewer occluders than surfaces")]
         self.relevant.extend(0..self.occluders.len() as u32);
         let all = 0..self.relevant.len();
-        // If the receiver is the outer one, its part under a coplanar patch is seen from nowhere.
-        let (mut seen, mut covered) = (Pieces::default(), Pieces::default());
-        seen.push(from.corners().iter().copied());
-        if pair.receiver_is_smaller {
-            for triangle in &pair.coplanar {
-                seen = without(&seen, triangle, receiver_normal, &mut covered);
-            }
-        }
+        let (mut seen, covered) = sides.parts(pair)?;
         if precision.along_contacts {
             let plane = PlaneAt {
-                origin: outer[0],
-                normal: outer_normal,
+                origin: sides.outer[0],
+                normal: sides.outer_normal,
                 tolerance,
             };
             for occluder in &self.occluders {

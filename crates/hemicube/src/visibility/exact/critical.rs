@@ -12,14 +12,15 @@
 //! through both (EV events; Heckbert 1992, Drettakis & Fiume 1994). Across such a line B has a kink in its second
 //! derivative, in its first one where edges are parallel, and a step where an occluder stands on the outer triangle.
 //! Cells are integrated by Radon's seven points of degree 5, and by nineteen of degree 8 that hold these seven (Laurie
-//! 1982). The cell with the largest difference of the two is cut along the critical line that divides it most evenly,
-//! or in halves where none does, until all differences together are small enough. Places where three edges pass
-//! each other (EEE events) are curved; they are left to the halving.
+//! 1982). A cell's error is the difference of the two, and more where a critical line crosses it. The cell with the
+//! largest error is cut along the critical line that divides it most evenly, or in halves where none does, until all
+//! errors together are small enough. Places where three edges pass each other (EEE events) are curved; they are left to
+//! the halving.
 //!
 //! No arrangement of all critical lines from the start, because a pair between two boxes has a hundred of them, and
 //! thousands of cells, of which a few hold all of the error.
 
-use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, without};
+use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, Sides};
 use crate::factor::{EdgeTerms, contour, nineteen};
 use crate::geometry::{self, crossing, in_front};
 use crate::visibility::bodies::Bodies;
@@ -170,32 +171,25 @@ impl CriticalCells {
         if pair.is_crowded {
             return None;
         }
-        let (emitter, receiver) = (&pair.emitter, &pair.receiver);
+        let sides = Sides::of(pair)?;
         let tolerance = regions.tree.plane_tolerance;
-        let unit = |t: &[DVec3; 3]| geometry::cross(t).try_normalize();
-        let (emitter_normal, receiver_normal) = (unit(emitter)?, unit(receiver)?);
-        let corners = emitter.iter().chain(receiver);
-        let size = corners.map(|p| p.length_squared()).fold(0.0, f64::max).sqrt();
-        (self.slack, self.beside) = (ROUNDING * size.powi(3), BESIDE * size);
-        self.list_occluders(shaft, (regions, bodies), pair, [emitter_normal, receiver_normal])?;
-        let (outer, inner, outer_normal, inner_normal) = if pair.receiver_is_smaller {
-            (receiver, emitter, receiver_normal, emitter_normal)
-        } else {
+        (self.slack, self.beside) = (ROUNDING * sides.size.powi(3), BESIDE * sides.size);
+        let normals = [sides.emitter_normal, sides.receiver_normal];
+        self.list_occluders(shaft, (regions, bodies), pair, normals)?;
+        if !pair.receiver_is_smaller {
             for triangle in &pair.coplanar {
                 self.push_occluder(Polygon::of(triangle), false);
             }
-            (emitter, receiver, emitter_normal, receiver_normal)
-        };
+        }
         if self.occluders.len() > MOST_OCCLUDERS {
             return None;
         }
-        let target = in_front(inner, outer[0], outer_normal, 0.0)?;
-        let from = in_front(outer, inner[0], inner_normal, 0.0)?;
-        self.find_lines(target.corners(), outer, outer_normal, tolerance);
+        let target = in_front(sides.inner, sides.outer[0], sides.outer_normal, 0.0)?;
+        self.find_lines(target.corners(), sides.outer, sides.outer_normal, tolerance);
         let view = View {
             target: target.corners(),
-            inner,
-            mean: bound.unoccluded / geometry::area(outer),
+            inner: sides.inner,
+            mean: bound.unoccluded / geometry::area(sides.outer),
             enough: 1e-3 * bound.enough,
         };
         self.relevant.clear();
@@ -206,21 +200,14 @@ impl CriticalCells {
             self.crossing.extend(0..self.lines.len() as u32);
         }
         let root = (0..self.relevant.len(), 0..self.crossing.len());
-        // If the receiver is the outer one, its part under a coplanar patch is seen from nowhere.
-        let (mut seen, mut covered) = (super::Pieces::default(), super::Pieces::default());
-        seen.push(from.corners().iter().copied());
-        if pair.receiver_is_smaller {
-            for triangle in &pair.coplanar {
-                seen = without(&seen, triangle, receiver_normal, &mut covered);
-            }
-        }
+        let (seen, covered) = sides.parts(pair)?;
         let mut fixed = 0.0;
         for fan in covered.as_slice().iter().map(Polygon::corners) {
             for k in 1..fan.len().saturating_sub(1) {
                 fixed += hidden(&[fan[0], fan[k], fan[k + 1]], &view);
             }
         }
-        self.terms.begin(outer_normal);
+        self.terms.begin(sides.outer_normal);
         let mut cells = BinaryHeap::new();
         for fan in seen.as_slice().iter().map(Polygon::corners) {
             for k in 1..fan.len().saturating_sub(1) {
