@@ -225,7 +225,7 @@ pub fn require_shares(
                 "{} has the {what} {share}, and ρs + τ of {handed_on} in the matrix: together they are at most 1; give \
                  it a {what} of {} at most",
                 shown(patch),
-                rows.kept(patch)
+                (rows.kept(patch) * 1e9).round() / 1e9
             )));
         }
     }

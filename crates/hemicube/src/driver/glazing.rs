@@ -197,6 +197,7 @@ impl Glazing {
 
 /// Most bands: a matrix each.
 const BANDS_MAX: usize = 64;
+
 /// The laws of a scene's own materials ([`Gloss`]), read with its optics. Colours are averaged.
 pub fn laws_of_scene(scene: &Scene) -> Vec<Option<Law>> {
     let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;

@@ -1,8 +1,7 @@
 //! Rows of which every entry keeps the tolerance: exact visibility, pair by pair.
 //!
-//! A pair is proved unoccluded or hidden by its shaft, and then has its closed form to 1e-10 ([`FactorRule::exact`]),
-//! or
-//! 0. Otherwise what its occluders block is integrated to an error bound ([`CriticalCells`]):
+//! A pair that its shaft proves unoccluded has its closed form to 1e-10 ([`FactorRule::exact`]), a hidden one has none.
+//! Otherwise what its occluders block is integrated to an error bound ([`CriticalCells`]):
 //!
 //! ```text
 //! |F − true F| ≤ 0.3 T max(F°, 0.01)
