@@ -753,10 +753,14 @@ fn a_folder_is_one_scene() {
     place
         .line("compute model/floor.obj model/lamp.obj -o n")
         .fails_with(&["`model/lamp.obj` is a second scene", "in a folder, and give the folder"]);
-    place.line("model").fails_with(&["hemicube compute model -o model.hemicube"]);
+    place
+        .line("model")
+        .fails_with(&["hemicube compute model -o model.hemicube"]);
     place.write("model/more.obj", format!("{floor}f 1 2 3\n"));
     place.line("export model.hemicube q.vtp --scene model").is(2);
-    place.line("compute model.hemicube").fails_with(&["is a matrix, and a scene is needed"]);
+    place
+        .line("compute model.hemicube")
+        .fails_with(&["is a matrix, and a scene is needed"]);
 }
 
 #[test]

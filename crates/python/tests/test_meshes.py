@@ -199,5 +199,5 @@ def test_a_folder_is_one_scene(tmp_path: pathlib.Path) -> None:
     (tmp_path / "floor.obj").write_text(floor)
     (tmp_path / "lamp.obj").write_text("v 0 0 1\nv 0 1 1\nv 1 1 1\nf 1 2 3\n")
     scene = hemicube.Scene.load(tmp_path, up="z")
-    assert list(scene.object_names) == ["floor", "lamp"]
+    assert list(scene.objects) == ["floor", "lamp"]
     assert len(scene) == 3
