@@ -176,7 +176,10 @@ fn tips_on_option(given: &str, definition: &clap::Command, arguments: &[OsString
     }
     let longs = |command: &clap::Command| -> Vec<String> {
         let shown = command.get_arguments().filter(|argument| !argument.is_hide_set());
-        shown.filter_map(|argument| argument.get_long()).map(str::to_owned).collect()
+        shown
+            .filter_map(|argument| argument.get_long())
+            .map(str::to_owned)
+            .collect()
     };
     let elsewhere: Vec<String> = definition
         .get_subcommands()
@@ -262,7 +265,10 @@ mod tests {
         };
         let of_rows = tips(&["hemicube", "tradeoff", "a.obj", "--rows", "0..9"], "--rows");
         assert_eq!(of_rows[0], "`tradeoff` has `--sample-rows`");
-        assert!(of_rows[1].starts_with("`--rows` is an option of `compute`"), "{of_rows:?}");
+        assert!(
+            of_rows[1].starts_with("`--rows` is an option of `compute`"),
+            "{of_rows:?}"
+        );
         let of_config = tips(&["hemicube", "sky", "a.obj", "--no-config"], "--no-config");
         assert_eq!(of_config.len(), 1, "{of_config:?}");
         assert!(tips(&["hemicube", "sky", "--nonsense"], "--nonsense").is_empty());

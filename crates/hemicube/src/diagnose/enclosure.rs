@@ -446,9 +446,8 @@ impl Rays<'_> {
 
     /// Weight of the rays from active sides that meet a front.
     fn fronts(&self, turned: &BTreeSet<u32>) -> f64 {
-        let meets_front = |kind: Kind| {
-            kind.to != To::Nothing && Self::is_active(kind, turned) && !Self::meets_back(kind, turned)
-        };
+        let meets_front =
+            |kind: Kind| kind.to != To::Nothing && Self::is_active(kind, turned) && !Self::meets_back(kind, turned);
         let rays = self.list.iter().filter(|(kind, _)| meets_front(*kind));
         rays.map(|(_, count)| count.weight).sum()
     }

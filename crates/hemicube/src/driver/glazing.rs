@@ -259,7 +259,11 @@ mod tests {
         assert_eq!(values, [0.5, 0.1, 0.2]);
         let alike = tables(r#"{"glass*": {"specular": 0.1}, "*_door": {"specular": 0.2}}"#);
         let tie = by_name("object", &["glass_door"], &alike, 0).expect_err("five characters each");
-        assert!(tie.to_string().starts_with("object `glass_door` fits both `*_door` and `glass*`"), "{tie}");
+        assert!(
+            tie.to_string()
+                .starts_with("object `glass_door` fits both `*_door` and `glass*`"),
+            "{tie}"
+        );
         // Not used is what matches no name, and not what others go before.
         let before = by_name("object", &["glass_door"], &nested, 0).expect("`*` matches too");
         assert_eq!(before.len(), 1);

@@ -200,7 +200,9 @@ impl<'t, T> Patterns<'t, T> {
     pub fn unused<S: AsRef<str>>(&self, names: &[S]) -> Option<&'t String> {
         let is_used = |key: &&String| {
             let glob = WildMatch::new(key);
-            names.iter().any(|name| name.as_ref() == key.as_str() || glob.matches(name.as_ref()))
+            names
+                .iter()
+                .any(|name| name.as_ref() == key.as_str() || glob.matches(name.as_ref()))
         };
         self.tables.keys().find(|key| !is_used(key))
     }

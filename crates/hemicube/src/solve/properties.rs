@@ -462,7 +462,7 @@ impl Properties {
     /// # Errors
     /// When a kind with patches lacks one, or a value is out of range.
     pub fn thermal(&self) -> Result<Vec<Thermal>> {
-        let mut missing = Vec::new();
+        let (mut missing, mut lacks_emissivity, mut lacks_condition) = (Vec::new(), false, false);
         let mut found = Vec::new();
         let mut surfaces: HashMap<(Level, &str), u32> = HashMap::new();
         for kind in &self.kinds {
@@ -491,9 +491,11 @@ impl Properties {
                     given.kelvin
                 )));
             }
-            let needs_emissivity = condition != Some(Condition::Flux(0.0));
-            if kind.is_used && (condition.is_none() || needs_emissivity && emissivity.is_none()) {
+            let without_emissivity = emissivity.is_none() && condition != Some(Condition::Flux(0.0));
+            if kind.is_used && (condition.is_none() || without_emissivity) {
                 missing.push(self.listed(kind));
+                lacks_emissivity |= without_emissivity;
+                lacks_condition |= condition.is_none();
             }
             let source = match kind.condition {
                 Level::Object | Level::Default if kind.object.is_some() => {
@@ -516,8 +518,13 @@ impl Properties {
         if missing.is_empty() {
             return Ok(found);
         }
+        let what = match (lacks_emissivity, lacks_condition) {
+            (true, true) => "no emissivity and temperature are",
+            (true, false) => "no emissivity is",
+            (false, _) => "no temperature is",
+        };
         Err(PropertyError::with(
-            format!("no emissivity and temperature are known of {}", short_list(&missing)),
+            format!("{what} known of {}", short_list(&missing)),
             "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; \
              its table `[default]` is for all that have none",
         ))
@@ -1076,7 +1083,9 @@ mod tests {
             assert!(error.reason.contains(wanted), "{error}");
         }
         let thermal = |json: &str| read(json).expect(json).thermal().expect_err(json).reason;
-        assert!(thermal("{\"default\": {\"emissivity\": 0.9}}").contains("no emissivity and temperature"));
+        assert!(thermal("{\"default\": {\"emissivity\": 0.9}}").contains("no temperature is known of"));
+        assert!(thermal("{\"default\": {\"temperature\": 300}}").contains("no emissivity is known of"));
+        assert!(thermal("{}").contains("no emissivity and temperature are known of"));
         assert!(thermal("{\"default\": {\"emissivity\": 0.9, \"temperature\": -3}}").contains("-3 K"));
         assert!(thermal("{\"default\": {\"emissivity\": 1.9, \"temperature\": 3}}").contains("1.9"));
         assert!(thermal("{\"default\": {\"emissivity\": [0.1, 0.2, 0.3], \"temperature\": 3}}").contains("grey"));

@@ -215,7 +215,10 @@ impl Column {
                 anyhow!("`--column mrt` needs radiosities"),
                 "`--solution DIR` has them, and `--temperatures FILE` those of black surfaces",
             )),
-            Some(name) => match (0..).zip(&groups.names).find(|(group, _)| groups.column(*group) == name) {
+            Some(name) => match (0..)
+                .zip(&groups.names)
+                .find(|(group, _)| groups.column(*group) == name)
+            {
                 Some((group, _)) => Ok(Self::Group(group)),
                 None => Err(hinted(
                     anyhow!("`--column {name}` is neither sky, ground, blocked, mrt nor a column of the table"),
