@@ -17,6 +17,7 @@ mod cursor;
 mod error;
 #[cfg(feature = "_polygons")]
 pub mod faces;
+mod folder;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
@@ -45,6 +46,7 @@ pub mod up;
 pub mod write;
 
 pub use error::{Error, ErrorKind};
+pub use folder::files;
 pub use formats::*;
 pub use patch::{InputPatch, Patches, Side};
 pub use regular::{open_regular, read_regular, read_regular_text};
