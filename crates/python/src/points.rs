@@ -1,9 +1,10 @@
 //! `hemicube.points`: rows of sensors.
 
 use crate::attended::attended;
+use crate::compute::interrupted;
 use crate::scene::Scene;
 use crate::session::BackendChoice;
-use crate::sky::{interrupted, pairs, warn_of_places};
+use crate::sky::{pairs, warn_of_places};
 use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
 use crate::{compute, errors, numbers};
 use glam::DVec3;
