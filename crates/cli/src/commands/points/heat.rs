@@ -39,6 +39,9 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
 /// Radiosities by triangle in W/m², and the temperatures of sky, ground and backs in kelvin.
 pub(super) struct Heat {
     radiosity: Vec<f64>,
+    /// True if surfaces are black, and mirrors and panes emit what they absorb; otherwise radiosities are what leaves
+    /// diffusely.
+    is_of_kept: bool,
     outside: [f64; 3],
 }
 
@@ -82,6 +85,7 @@ impl Heat {
                 Some(grouping) => grouping.spread(&radiosity),
                 None => radiosity,
             },
+            is_of_kept: false,
             // Backs exchange nothing in `solve`: what a sensor meets there counts as what lay outside.
             outside: [sky, ground, ambient.unwrap_or(ground)],
         })
@@ -137,6 +141,7 @@ impl Heat {
         let ground = arguments.ground_temperature.unwrap_or(sky);
         Ok(Self {
             radiosity,
+            is_of_kept: true,
             outside: [sky, ground, ground],
         })
     }
@@ -158,7 +163,11 @@ impl Heat {
 
     /// The mean radiant temperature of a row in kelvin.
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
-        row.mean_radiant_temperature(&self.radiosity, self.outside)
+        if self.is_of_kept && !row.passed.is_empty() {
+            row.kept().mean_radiant_temperature(&self.radiosity, self.outside)
+        } else {
+            row.mean_radiant_temperature(&self.radiosity, self.outside)
+        }
     }
 }
 
