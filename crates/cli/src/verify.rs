@@ -452,7 +452,8 @@ impl Verify<'_> {
             receivers: plan.selection.receivers.clone(),
         };
         let rows = Plan::new(model, RowChoice::All, selection, plan.samples_per_edge, plan.rotate)
-            .with_correction(plan.correction);
+            .with_correction(plan.correction)
+            .with_portals(Arc::clone(&plan.portals));
         let resolution = store.manifest().settings["resolution"].as_u64();
         let render = RenderSettings {
             resolution: resolution
