@@ -34,6 +34,7 @@ pub(crate) struct Talk {
         global = true,
         value_name = "text|json",
         default_value = "text",
+        hide_possible_values = true,
         hide_short_help = true
     )]
     pub(crate) log_format: LogFormat,
@@ -62,13 +63,18 @@ pub(crate) struct SceneSettings {
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) patch_size: Option<f64>,
     /// Make both sides of triangles patches; auto: as the file says
-    #[arg(long, value_name = "auto|on|off", default_value = "auto")]
+    #[arg(
+        long,
+        value_name = "auto|on|off",
+        default_value = "auto",
+        hide_possible_values = true
+    )]
     pub(crate) two_sided: AutoSwitch,
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
     /// The axis that points up [default: the file's, or found]
-    #[arg(long, value_name = "x|y|z")]
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR
     #[arg(
@@ -118,6 +124,7 @@ pub(crate) struct EngineSettings {
         long,
         value_name = "auto|depth|order|claims",
         default_value = "auto",
+        hide_possible_values = true,
         hide_short_help = true
     )]
     pub(crate) engine: Engine,
@@ -173,7 +180,13 @@ pub(crate) struct RenderSettings {
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
     pub(crate) samples: Samples,
     /// Turn each hemicube by a hash of its patch
-    #[arg(long, value_name = "on|off", default_value = "on", hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "on|off",
+        default_value = "on",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
     pub(crate) rotation: Switch,
     #[command(flatten)]
     pub(crate) engine: EngineSettings,

@@ -74,6 +74,7 @@ pub(crate) struct Arguments {
     #[arg(
         long = "as",
         value_name = "plane|sphere|cube|person|cylinder",
+        hide_possible_values = true,
         help_heading = "Points"
     )]
     pub(crate) body: Option<BodyName>,
@@ -114,7 +115,12 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// Columns of .csv and .json
-    #[arg(long, value_name = "object|material|patch", default_value = "object")]
+    #[arg(
+        long,
+        value_name = "object|material|patch",
+        default_value = "object",
+        hide_possible_values = true
+    )]
     pub(crate) by: By,
     /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt where there is one,
     /// else sky]

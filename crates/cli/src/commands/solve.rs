@@ -96,7 +96,12 @@ pub(crate) struct Arguments {
     )]
     pub(crate) emission: Option<PathBuf>,
     /// How the system is solved
-    #[arg(long, value_name = "gmres|gauss-seidel|jacobi", default_value = "gmres")]
+    #[arg(
+        long,
+        value_name = "gmres|gauss-seidel|jacobi",
+        default_value = "gmres",
+        hide_possible_values = true
+    )]
     pub(crate) method: MethodName,
     /// GMRES begins anew after N iterations
     #[arg(
@@ -123,11 +128,21 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// Show heat, flux and temperature by surface [default with `--surfaces`: object; with `--network`: its own]
-    #[arg(long, value_name = "object|material|face", requires = "thermal")]
+    #[arg(
+        long,
+        value_name = "object|material|face",
+        requires = "thermal",
+        hide_possible_values = true
+    )]
     pub(crate) by: Option<surfaces::By>,
     /// Solve for surfaces instead of patches, as textbooks do: each object, material or face has one radiosity, one
     /// temperature, and form factors as a whole
-    #[arg(long, value_name = "object|material|face", requires = "thermal")]
+    #[arg(
+        long,
+        value_name = "object|material|face",
+        requires = "thermal",
+        hide_possible_values = true
+    )]
     pub(crate) network: Option<surfaces::By>,
     /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
     #[arg(long, value_name = "FILE", requires = "thermal")]
@@ -147,7 +162,12 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", requires = "scene")]
     pub(crate) picture: Option<PathBuf>,
     /// What colours the picture [default: radiosity; with `--thermal`: flux]
-    #[arg(long, value_name = "radiosity|irradiance|flux|temperature", requires = "picture")]
+    #[arg(
+        long,
+        value_name = "radiosity|irradiance|flux|temperature",
+        requires = "picture",
+        hide_possible_values = true
+    )]
     pub(crate) show: Option<Shown>,
     #[command(flatten)]
     pub(crate) camera: Camera,

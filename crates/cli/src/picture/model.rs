@@ -46,7 +46,7 @@ pub(crate) struct Camera {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub(crate) look_at: Option<Point>,
     /// The axis that points up in the picture [default: the scene's, or as `inspect` finds it]
-    #[arg(long, value_name = "x|y|z")]
+    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Angle of view from the lower to the upper edge, in degrees
     #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = field_of_view)]
@@ -55,7 +55,12 @@ pub(crate) struct Camera {
     #[arg(long, value_name = "WxH", default_value = "800x600")]
     pub(crate) size: Size,
     /// smooth: interpolated between the corners of patches; flat: one colour a patch
-    #[arg(long, value_name = "smooth|flat", default_value = "smooth")]
+    #[arg(
+        long,
+        value_name = "smooth|flat",
+        default_value = "smooth",
+        hide_possible_values = true
+    )]
     pub(crate) shading: Shading,
     /// Brighter (1: twice) or darker (-1: half)
     #[arg(long, value_name = "STOPS", default_value = "0", allow_hyphen_values = true)]

@@ -52,6 +52,7 @@ pub(crate) struct Arguments {
         long,
         value_name = "auto|on|off",
         default_value = "auto",
+        hide_possible_values = true,
         help_heading = "Hemicubes",
         hide_short_help = true
     )]
@@ -70,6 +71,7 @@ pub(crate) struct Arguments {
         long = "patches",
         value_name = "KIND",
         default_value = "triangle",
+        hide_possible_values = true,
         help_heading = "Rows and columns"
     )]
     pub(crate) kind: Kind,
@@ -82,6 +84,7 @@ pub(crate) struct Arguments {
         long,
         value_name = "auto|plain|compact|double",
         default_value = "auto",
+        hide_possible_values = true,
         help_heading = "What is kept"
     )]
     pub(crate) store: StoreForm,

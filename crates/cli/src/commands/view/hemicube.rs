@@ -51,7 +51,12 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) count: Option<u64>,
     /// ids: which patch a pixel sees; depth; delta: what it weighs; occlusion: how many patches lie behind it
-    #[arg(long, value_name = "ids|depth|delta|occlusion", default_value = "ids")]
+    #[arg(
+        long,
+        value_name = "ids|depth|delta|occlusion",
+        default_value = "ids",
+        hide_possible_values = true
+    )]
     pub(crate) show: Show,
     /// Cut the scene as this matrix's was
     #[arg(
