@@ -154,7 +154,7 @@ fn a_flat_at_one_temperature_is_at_rest_and_its_doors_are_not_cold() {
     assert!(solved.out.contains("heat         none flows: "), "{}", solved.out);
     assert_eq!(heat_of(&solved.out, "radiator"), 0.0, "{}", solved.out);
     place
-        .line("points flat.obj --up z --grid 1 --height 1.1 --as person --solution m -o seats.csv")
+        .line("points flat.obj --up z --grid 1 --height 1.1 --solution m -o seats.csv")
         .is(0);
     let text = std::fs::read_to_string(place.path("seats.csv")).expect("a table");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
