@@ -208,7 +208,7 @@ fn panels_of_a_satellite_are_nodes_of_two_sides() {
             .parse()
             .expect("kelvin")
     };
-    let alone = (2000.0 / (5.670_374_419e-8 * 4.0 * (0.85 + 0.7))).powf(0.25);
+    let alone = (2000.0_f64 / (5.670_374_419e-8 * 4.0 * (0.85 + 0.7))).powf(0.25);
     assert_eq!(kelvin("cells_p"), kelvin("back_m"));
     // The body sends back a part of the 6 % that it sees.
     assert!(

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
     name = "hemicube",
     version,
     max_term_width = 100,
+    hide_possible_values = true,
     color = clap::ColorChoice::Never,
     subcommand_required = true,
     arg_required_else_help = true,

@@ -39,6 +39,9 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
 /// Radiosities by triangle in W/m², and the temperatures of sky and ground in kelvin.
 pub(super) struct Heat {
     radiosity: Vec<f64>,
+    /// True if surfaces are black, and mirrors and panes emit what they absorb; otherwise radiosities are what leaves
+    /// diffusely.
+    is_of_kept: bool,
     outside: [f64; 2],
 }
 
@@ -82,6 +85,7 @@ impl Heat {
                 Some(grouping) => grouping.spread(&radiosity),
                 None => radiosity,
             },
+            is_of_kept: false,
             outside: [sky, ground],
         })
     }
@@ -137,6 +141,7 @@ impl Heat {
         let ground = arguments.ground_temperature.unwrap_or(sky);
         Ok(Self {
             radiosity,
+            is_of_kept: true,
             outside: [sky, ground],
         })
     }
@@ -159,7 +164,12 @@ impl Heat {
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
         let [sky, ground] = self.outside;
         // Backs exchange nothing in `solve`, and have no temperature here.
-        row.mean_radiant_temperature(&self.radiosity, [sky, ground, f64::NAN])
+        let outside = [sky, ground, f64::NAN];
+        if self.is_of_kept && !row.passed.is_empty() {
+            row.kept().mean_radiant_temperature(&self.radiosity, outside)
+        } else {
+            row.mean_radiant_temperature(&self.radiosity, outside)
+        }
     }
 }
 

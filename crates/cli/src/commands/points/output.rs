@@ -270,6 +270,8 @@ pub(super) struct Written<'a> {
     pub(super) sensors: &'a Sensors,
     pub(super) groups: &'a Groups,
     pub(super) rows: &'a [Kept],
+    /// Then tables have `passed` and `cut_off`.
+    pub(super) has_portals: bool,
 }
 
 fn place_name(place: Place) -> &'static str {
@@ -346,6 +348,7 @@ impl Written<'_> {
         let mut header = "point,x,y,z".to_owned();
         header.push_str(if self.has_normals() { ",nx,ny,nz" } else { "" });
         header.push_str(",place,sky,ground,blocked");
+        header.push_str(if self.has_portals { ",passed,cut_off" } else { "" });
         header.push_str(if self.arguments.tolerance.is_some() {
             ",change"
         } else {
@@ -371,6 +374,9 @@ impl Written<'_> {
                 ",{place},{},{},{}",
                 row.row.sky, row.row.ground, row.row.blocked
             ));
+            if self.has_portals {
+                line.push_str(&format!(",{},{}", row.row.handed_on(), row.row.cut_off));
+            }
             if self.arguments.tolerance.is_some() {
                 line.push_str(&format!(",{}", row.row.change));
             }
@@ -424,6 +430,10 @@ impl Written<'_> {
             "blocked": row.row.blocked,
             "view_factors": factors,
         });
+        if self.has_portals {
+            of_row["passed"] = json!(row.row.handed_on());
+            of_row["cut_off"] = json!(row.row.cut_off);
+        }
         if let Some(normal) = self.normal(at) {
             of_row["normal"] = json!(normal.to_array());
         }
@@ -454,6 +464,11 @@ impl Written<'_> {
             ),
             ("point", Table::Whole(vec![count], points.collect())),
         ];
+        if self.has_portals {
+            let of = |value: fn(&SensorRow) -> f64| Table::Real(vec![count], rows.iter().map(value).collect());
+            more.push(("passed", of(SensorRow::handed_on)));
+            more.push(("cut_off", of(|row| row.cut_off)));
+        }
         if self.has_normals() {
             more.push(("normals", triples(&|at| self.normal(at).unwrap_or(DVec3::NAN))));
         }
