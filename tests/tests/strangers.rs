@@ -64,8 +64,8 @@ impl Obj {
     }
 }
 
-/// An L-shaped flat of 36 m² with a table, a radiator, a door leaf of one sheet, and a cupboard that stands on the floor
-/// without a bottom.
+/// An L-shaped flat of 36 m² with a table, a radiator, a door leaf of one sheet, and a cupboard that stands on the
+/// floor without a bottom.
 fn flat() -> String {
     let mut obj = Obj::default();
     let plan = [[0.0, 0.0], [8.0, 0.0], [8.0, 3.0], [4.0, 3.0], [4.0, 6.0], [0.0, 6.0]];
