@@ -64,8 +64,8 @@ impl Obj {
     }
 }
 
-/// An L-shaped flat of 36 m² with a table, a radiator, a door leaf of one sheet, and a cupboard that stands on the floor
-/// without a bottom.
+/// An L-shaped flat of 36 m² with a table, a radiator, a door leaf of one sheet, and a cupboard that stands on the
+/// floor without a bottom.
 fn flat() -> String {
     let mut obj = Obj::default();
     let plan = [[0.0, 0.0], [8.0, 0.0], [8.0, 3.0], [4.0, 3.0], [4.0, 6.0], [0.0, 6.0]];
@@ -154,7 +154,7 @@ fn a_flat_at_one_temperature_is_at_rest_and_its_doors_are_not_cold() {
     assert!(solved.out.contains("heat         none flows: "), "{}", solved.out);
     assert_eq!(heat_of(&solved.out, "radiator"), 0.0, "{}", solved.out);
     place
-        .line("points flat.obj --up z --grid 1 --height 1.1 --as person --solution m -o seats.csv")
+        .line("points flat.obj --up z --grid 1 --height 1.1 --solution m -o seats.csv")
         .is(0);
     let text = std::fs::read_to_string(place.path("seats.csv")).expect("a table");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());

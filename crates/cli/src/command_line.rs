@@ -117,8 +117,8 @@ pub(crate) fn words_for_flags(mut arguments: Vec<OsString>) -> Vec<OsString> {
     arguments
 }
 
-/// Ends the program by its help or its usage. A path in place of a command is said to lack one, a second scene to be one
-/// too many, and hidden commands are not suggested.
+/// Ends the program by its help or its usage. A path in place of a command is said to lack one, a second scene to be
+/// one too many, and hidden commands are not suggested.
 ///
 /// # Errors
 /// For such a path.

@@ -122,7 +122,11 @@ impl Points {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let radiosity = numbers::vector(radiosity, "radiosity", self.scene.get().patches.len())?;
         let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(f64::NAN)];
-        if let Some(wrong) = [Some(sky), ground, backs].iter().flatten().find(|kelvin| !(0.0..=1e6).contains(*kelvin)) {
+        if let Some(wrong) = [Some(sky), ground, backs]
+            .iter()
+            .flatten()
+            .find(|kelvin| !(0.0..=1e6).contains(*kelvin))
+        {
             return Err(errors::input(format!(
                 "a temperature is {wrong}; kelvin from 0 on are needed"
             )));

@@ -14,7 +14,8 @@
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
 //! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
-//! space, and all must see more fronts than before: a room turned outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
+//! space, and all must see more fronts than before: a room turned outwards sees nothing, and so no back. Two-sided
+//! surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};

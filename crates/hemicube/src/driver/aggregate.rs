@@ -147,7 +147,11 @@ impl<'a> OpenRow<'a> {
         let patch = self.patch.take()?;
         let start = part.data.len();
         // Of a patch that fills the view, the errors of closed forms may add up to more than 1. By mirrors, F^s may.
-        let most = if self.plan.portals.is_empty() { 1.0 } else { f64::INFINITY };
+        let most = if self.plan.portals.is_empty() {
+            1.0
+        } else {
+            f64::INFINITY
+        };
         self.touched.sort_unstable();
         self.touched.dedup();
         for patch in self.touched.drain(..) {

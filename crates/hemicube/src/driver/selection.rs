@@ -130,14 +130,15 @@ pub fn matches_glob(glob: &str, name: &str) -> bool {
     WildMatch::new(glob).matches(name)
 }
 
-/// Tables by name or pattern. A name has the table of its own, otherwise that of the most particular pattern that matches:
-/// the one with most characters besides `*` and `?`.
+/// Tables by name or pattern. A name has the table of its own, otherwise that of the most particular pattern that
+/// matches: the one with most characters besides `*` and `?`.
 ///
 /// ```
 /// use hemicube::driver::selection::Patterns;
 /// use std::collections::BTreeMap;
 ///
-/// let tables = BTreeMap::from([("*", 1), ("glass*", 2), ("glass_door", 3), ("*_door", 4)].map(|(k, v)| (k.to_owned(), v)));
+/// let tables = [("*", 1), ("glass*", 2), ("glass_door", 3), ("*_door", 4)];
+/// let tables: BTreeMap<String, i32> = tables.map(|(key, value)| (key.to_owned(), value)).into();
 /// let patterns = Patterns::new(&tables);
 /// let of = |name| patterns.of(name).map(|found| found.map(|(_, value)| *value));
 /// assert_eq!([of("wall"), of("glass_roof"), of("glass_door")], [Ok(Some(1)), Ok(Some(2)), Ok(Some(3))]);
