@@ -604,7 +604,7 @@ impl Tally {
             most += if optics.varies { factor } else { passed };
         }
         let off = (least - passage.passed).max(passage.passed - most);
-        if off > PASSED * (1.0 + most) || off.is_nan() {
+        if off > (PASSED + self.rounding) * (1.0 + most) || off.is_nan() {
             let passed = passage.passed;
             let expected = if least == most {
                 format!("{most}")

@@ -339,12 +339,25 @@ impl<'e> Casts<'e> {
         weight as f64 / (self.count as f64 * RAY as f64)
     }
 
+    /// The form factor that a ray stands for where a pair was found, times N.
+    fn each(&self, found: &Found) -> f64 {
+        self.share(found.weight) / f64::from(found.hits.max(1)) * self.count as f64
+    }
+
+    /// The number of hits expected of a pair of that form factor.
+    pub(super) fn hits(&self, factor: f64, found: &Found) -> f64 {
+        factor * self.count as f64 / self.each(found).max(f64::MIN_POSITIVE)
+    }
+
     /// The variance of a pair known by rays: of hits of the same weight.
     pub(super) fn variance(&self, found: &Found) -> f64 {
-        let hits = f64::from(found.hits);
-        let each = self.share(found.weight) / hits.max(1.0) * self.count as f64;
+        self.variance_at(f64::from(found.hits), found)
+    }
+
+    /// Likewise by another number of hits.
+    pub(super) fn variance_at(&self, hits: f64, found: &Found) -> f64 {
         let share = (hits / self.count as f64).min(1.0);
-        (each * ray_shares::error(share * (1.0 - share), self.count)).powi(2)
+        (self.each(found) * ray_shares::error(share * (1.0 - share), self.count)).powi(2)
     }
 
     /// The variance of all pairs that are not measured: those past the `most` first, and those of fewer than `least`

@@ -244,6 +244,11 @@ impl Passes {
                     };
                     let passed = self.hand_on(&pixel, patch, 0, &view, surfaces, taker.ledger);
                     taker.ledger.sent += passed;
+                    if surfaces.laws.varies(patch) {
+                        let [met, handed_on] = taker.ledger.first.entry(patch).or_default();
+                        *met += weight;
+                        *handed_on += passed;
+                    }
                 }
             }
         }
@@ -414,6 +419,10 @@ impl Passes {
             for (pixel, &id) in pixels.iter().zip(&seen) {
                 if id == NOTHING {
                     taker.ledger.escaped += pixel.weight;
+                    let is_below = |up: DVec3| view.towards(pixel.x.into(), pixel.y.into()).dot(up) < 0.0;
+                    if taker.up.is_some_and(is_below) {
+                        taker.ledger.ground += pixel.weight;
+                    }
                     continue;
                 }
                 let passed = if self.is_portal[(id as usize).min(surfaces.optics.len())] {
@@ -466,6 +475,8 @@ fn view_of(face: Face, resolution: u32, eye: DVec3, of: &[DVec3; 3], horizon: Pl
 pub(super) struct Taker<'a, C> {
     pub(super) ledger: &'a mut Ledger,
     pub(super) column: C,
+    /// The way up, where what escapes below the horizon is told apart.
+    pub(super) up: Option<DVec3>,
 }
 
 impl<C: Fn(u32) -> Column> Taker<'_, C> {
