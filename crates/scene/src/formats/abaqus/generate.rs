@@ -405,7 +405,8 @@ pub(super) fn members(model: &mut Model, part: u32, set: u32, work: &mut u64) ->
             Members::Ranges => {
                 for &[first, last, step] in pool.as_chunks::<3>().0 {
                     spend(work, numbers.len() as u64)?;
-                    let within = |number: &u32| (first..=last).contains(number) && (number - first) % step == 0;
+                    let within =
+                        |number: &u32| (first..=last).contains(number) && (number - first).is_multiple_of(step);
                     let hits = (0..).zip(numbers.iter()).filter(|(_, number)| within(number));
                     found.extend(hits.map(|(at, _): (u32, _)| at));
                 }
@@ -433,6 +434,10 @@ mod tests {
     }
 
     /// The corners of triangles, each from its least, in order: the same surface however it is listed.
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "millionths of less than a thousand units"
+    )]
     fn shape(text: &str) -> Vec<(String, Vec<[i64; 3]>)> {
         let scene = open(text).expect("a good file");
         let place = |p: DVec3| (p * 1e6).round().to_array().map(|x| x as i64);
@@ -510,8 +515,8 @@ mod tests {
 
     #[test]
     fn decks_of_calculixs_tests_are_read() {
-        // Surfaces of edges of plane elements, a node without coordinates, more nodes than the type has, a side of a beam:
-        // plate.inp, planestress3.inp, beampsensfreq.inp and contact11.inp, in short.
+        // Surfaces of edges of plane elements, a node without coordinates, more nodes than the type has, a side of a
+        // beam: plate.inp, planestress3.inp, beampsensfreq.inp and contact11.inp, in short.
         let plate = plate(1, 0.0, EVEN, "plate").replace("TYPE=S4", "TYPE=CPS4");
         let edges = plate.clone() + "*SURFACE, NAME=low\n1, S1\n2, S1\n";
         assert_eq!(shape(&edges), shape(&plate));
