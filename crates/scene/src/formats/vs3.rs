@@ -1,8 +1,8 @@
 //! Reads View3D's scenes (`.vs3`), in both of its geometry formats, 3 and 3a.
 //!
-//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology), and View3D
-//! 4.0.0, `src/getdat.c` (order, tests of subsurfaces), `src/view3d.c` (masks). The plane of format 3a follows the
-//! manual's example, a room given in both forms.
+//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology), and
+//! View3D 4.0.0, `src/getdat.c` (order, tests of subsurfaces), `src/view3d.c` (masks). The plane of format 3a follows
+//! the manual's example, a room given in both forms.
 //!
 //! # What becomes of what
 //! - `V n x y z`, `S n v1 v2 v3 v4 base cmb emit name`: a surface: triangles that share a face number, of the object

@@ -1,11 +1,11 @@
-//! Makes nodes and elements of others by rule: `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`, `*ELCOPY`; and places nodes that are
-//! given in a system of their own: `*SYSTEM`, cylindrical coordinates.
+//! Makes nodes and elements of others by rule: `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`, `*ELCOPY`; and places nodes that
+//! are given in a system of their own: `*SYSTEM`, cylindrical coordinates.
 //!
-//! Source: *Abaqus Keywords Reference* and *Abaqus Analysis User's Guide*, node definition and element definition (2017).
-//! A node that a rule makes again has its new place.
+//! Source: *Abaqus Keywords Reference* (`*NGEN`, `*SYSTEM`, `*SURFACE`; 2017) and *Abaqus Analysis User's Guide*, node
+//! definition and element definition. A node that a rule makes again has its new place.
 //!
-//! No parabolas, arcs of half a turn and more, spherical coordinates, poles and `TWO STEP`, because what they mean in full
-//! is in figures that no text tells.
+//! No parabolas, arcs of half a turn and more, spherical coordinates, poles and `TWO STEP`, because what they mean in
+//! full is in figures that no text tells.
 
 use super::model::{Block, Members, Model, NONE, Part};
 use crate::bounds::Bounds;
@@ -335,6 +335,11 @@ impl Builder<'_> {
         Ok([begin, place(self.part.numbers.len())])
     }
 
+    /// Returns whether an element is there.
+    pub(super) fn has(&mut self, element: u32) -> bool {
+        self.part.places.of(&self.part.numbers, element).is_some()
+    }
+
     /// Repeats an element in rows, lines of rows and layers; returns the place of the master and of the copies.
     pub(super) fn repeat(&mut self, repeat: &Repeat) -> Result<(u32, [u32; 2]), Refusal> {
         let Some(master) = self.part.places.of(&self.part.numbers, repeat.master) else {
@@ -400,7 +405,8 @@ pub(super) fn members(model: &mut Model, part: u32, set: u32, work: &mut u64) ->
             Members::Ranges => {
                 for &[first, last, step] in pool.as_chunks::<3>().0 {
                     spend(work, numbers.len() as u64)?;
-                    let within = |number: &u32| (first..=last).contains(number) && (number - first) % step == 0;
+                    let within =
+                        |number: &u32| (first..=last).contains(number) && (number - first).is_multiple_of(step);
                     let hits = (0..).zip(numbers.iter()).filter(|(_, number)| within(number));
                     found.extend(hits.map(|(at, _): (u32, _)| at));
                 }
@@ -428,6 +434,10 @@ mod tests {
     }
 
     /// The corners of triangles, each from its least, in order: the same surface however it is listed.
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "millionths of less than a thousand units"
+    )]
     fn shape(text: &str) -> Vec<(String, Vec<[i64; 3]>)> {
         let scene = open(text).expect("a good file");
         let place = |p: DVec3| (p * 1e6).round().to_array().map(|x| x as i64);
@@ -479,6 +489,61 @@ mod tests {
     }
 
     #[test]
+    fn an_old_deck_of_abaqus_is_read() {
+        // A barrel vault as Abaqus's own examples are written: shells of eight nodes; and beams.
+        let text = "*HEADING\n VAULT\n*NODE ,  SYSTEM=C,NSET=CORNER\n1 , 300.\n9 , 300. ,,300.\n801 , 300. , 40.\n\
+            809 , 300. , 40. , 300.\n*NGEN,LINE=C,NSET=WALL\n1 ,801 , 100\n*NGEN,LINE=C, NSET=SYMM\n\
+            9 ,809 , 100 ,,,, 300.\n*NFILL\nWALL,SYMM,8,1\n*ELEMENT,TYPE=S8R5   ,ELSET=ROOF\n\
+            1,  1,3,203,201,  2,103,202,101\n*ELGEN,ELSET=ROOF\n1,4,2,1,4,200,10\n*ELEMENT,TYPE=B32\n91,1,2,3\n\
+            *ELGEN,ELSET=RIBS\n91,4,2,1\n*SHELL SECTION,MATERIAL=R1,ELSET=ROOF\n3.0, 3\n";
+        let scene = open(text).unwrap();
+        assert_eq!((&*scene.objects.join(" "), scene.triangles.len()), ("ROOF", 32));
+        let area: f64 = scene
+            .triangles
+            .iter()
+            .map(|t| {
+                (t.corners[1] - t.corners[0])
+                    .cross(t.corners[2] - t.corners[0])
+                    .length()
+                    / 2.0
+            })
+            .sum();
+        // Four chords of 10 degrees, 300 long.
+        let exact = 4.0 * 2.0 * 300.0 * 5_f64.to_radians().sin() * 300.0;
+        assert!((area / exact - 1.0).abs() < 1e-12, "{area} {exact}");
+    }
+
+    #[test]
+    fn decks_of_calculixs_tests_are_read() {
+        // Surfaces of edges of plane elements, a node without coordinates, more nodes than the type has, a side of a
+        // beam: plate.inp, planestress3.inp, beampsensfreq.inp and contact11.inp, in short.
+        let plate = plate(1, 0.0, EVEN, "plate").replace("TYPE=S4", "TYPE=CPS4");
+        let edges = plate.clone() + "*SURFACE, NAME=low\n1, S1\n2, S1\n";
+        assert_eq!(shape(&edges), shape(&plate));
+        assert!(
+            open(&edges)
+                .unwrap()
+                .findings
+                .warnings
+                .iter()
+                .any(|warning| warning.contains("edges alone"))
+        );
+        let bare = plate.replace("1, 0, 0, 0\n", "1\n");
+        assert_eq!(shape(&bare), shape(&plate));
+        assert_eq!(
+            shape(&plate.replace("1, 1, 2, 12, 11\n", "1, 1, 2, 12, 11, 3, 13,\n")),
+            shape(&plate)
+        );
+        let solid = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 4\n\
+            *ELEMENT, TYPE=B31\n2, 1, 2\n*SURFACE, NAME=low\n1, S1\n*SURFACE, NAME=beam\n2, S2\n";
+        assert_eq!(open(solid).unwrap().triangles.len(), 1);
+        let message = open(&solid.replace("B31", "S3").replace("2, 1, 2\n", "3, 1, 2, 3\n"))
+            .unwrap_err()
+            .to_string();
+        assert!(message.starts_with("line 13: element 2 is not there"), "{message}");
+    }
+
+    #[test]
     fn copies_are_those_written_out() {
         let low = plate(1, 0.0, EVEN, "low");
         let sets = "*NSET, NSET=corners, GENERATE\n1, 4\n*NSET, NSET=some\ncorners, 11, 12, 13, 14\n21, 22, 23, 24\n";
@@ -522,8 +587,8 @@ mod tests {
     #[test]
     fn arcs_systems_and_cylinders() {
         // A quarter of a cylinder of radius 2 about z, three ways.
-        let by_radius = "*NODE, SYSTEM=C\n1, 2, 0, 0\n2, 2, 45, 0\n3, 2, 90, 0\n11, 2, 0, 1\n12, 2, 45, 1\n13, 2, 90, 1\n\
-            *ELEMENT, TYPE=S4, ELSET=wall\n1, 1, 2, 12, 11\n2, 2, 3, 13, 12\n";
+        let by_radius = "*NODE, SYSTEM=C\n1, 2, 0, 0\n2, 2, 45, 0\n3, 2, 90, 0\n11, 2, 0, 1\n12, 2, 45, 1\n\
+            13, 2, 90, 1\n*ELEMENT, TYPE=S4, ELSET=wall\n1, 1, 2, 12, 11\n2, 2, 3, 13, 12\n";
         let by_arc = "*NODE\n1, 2, 0, 0\n3, 0, 2, 0\n11, 2, 0, 1\n13, 0, 2, 1\n99, 0, 0, 1\n*NGEN, LINE=C\n\
             1, 3, 1, , 0, 0, 0\n11, 13, 1, 99\n*ELEMENT, TYPE=S4\n1, 1, 2, 12, 11\n*ELGEN, ELSET=wall\n1, 2\n";
         assert_eq!(shape(by_radius), shape(by_arc));

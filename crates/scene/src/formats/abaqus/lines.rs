@@ -302,6 +302,7 @@ impl Reader<'_> {
         let Some(found) = Kind::of(kind) else {
             let findings = &mut self.model.findings;
             findings.count("line of elements of other types, not read");
+            self.model.others.insert(self.scope);
             if findings.warnings.len() < 4 {
                 findings.warnings.push(format!(
                     "elements of type {} are no shells and no solids, and are not read",
@@ -462,13 +463,9 @@ impl Reader<'_> {
         let mut fields = line.split(|&byte| byte == b',');
         let number = self.whole(fields.next().unwrap_or_default())?;
         let mut point = DVec3::ZERO;
-        let mut found = 0;
+        // What is left out is 0, all three, too.
         for (at, field) in fields.take(3).enumerate() {
             point[at] = self.real(field)?;
-            found = at + 1;
-        }
-        if found == 0 {
-            return Err(self.fail(format!("node {number} has no coordinates")));
         }
         if self.rules.cylindrical {
             point = cylindrical(point);
@@ -486,6 +483,7 @@ impl Reader<'_> {
     }
 
     fn element(&mut self, line: &[u8], kind: Kind) -> Result<(), Error> {
+        let begins = self.pending.is_empty();
         for field in line.split(|&byte| byte == b',') {
             if field.trim_ascii().is_empty() {
                 continue;
@@ -494,6 +492,13 @@ impl Reader<'_> {
             self.pending.push(number);
         }
         let due = usize::from(kind.nodes) + 1;
+        if begins && self.pending.len() > due {
+            // CalculiX takes as many as its type has.
+            self.pending.truncate(due);
+            self.model
+                .findings
+                .count("element with more nodes than its type, read by its first");
+        }
         if self.pending.len() > due {
             let found = self.pending.len() - 1;
             return Err(self.fail(format!(

@@ -4,7 +4,7 @@ use super::generate::Places;
 use crate::mesh::Shape;
 use crate::{Error, Findings};
 use glam::{DAffine3, DVec3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 
 /// No entry of a set before it.
@@ -170,6 +170,8 @@ pub(super) struct Model {
     pub(super) surfaces: Vec<Surface>,
     pub(super) surface_names: HashMap<(u32, String), u32>,
     pub(super) sides: Vec<Sides>,
+    /// Parts with elements of types that are not read.
+    pub(super) others: HashSet<u32>,
     pub(super) sections: Vec<Section>,
     pub(super) findings: Findings,
     /// Where each stretch of lines began: the line in all, the file, and the line in it.
@@ -196,6 +198,7 @@ impl Model {
             surfaces: Vec::new(),
             surface_names: HashMap::new(),
             sides: Vec::new(),
+            others: HashSet::new(),
             sections: Vec::new(),
             findings: Findings::default(),
             places: Vec::new(),

@@ -313,6 +313,11 @@ impl Reader<'_> {
                 for (at, to) in repeat.by.iter_mut().flatten().enumerate() {
                     *to = number(self, at + 1, 1)?;
                 }
+                let master = repeat.master;
+                if self.model.others.contains(&self.scope) && !self.build(|builder| Ok(builder.has(master)))? {
+                    self.model.findings.count("rule for elements of other types, not read");
+                    return Ok(rule);
+                }
                 let (master, [begin, end]) = self.build(|builder| builder.repeat(&repeat))?;
                 if let Some(set) = *set {
                     self.model.sets[set as usize].of_elements = true;
