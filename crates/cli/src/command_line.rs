@@ -116,12 +116,21 @@ pub(crate) fn words_for_flags(mut arguments: Vec<OsString>) -> Vec<OsString> {
     arguments
 }
 
-/// Ends the program by its help or its usage. A path in place of a command is said to lack one, and hidden commands
-/// are not suggested.
+/// Ends the program by its help or its usage. A path in place of a command is said to lack one, a second scene to be one
+/// too many, and hidden commands are not suggested.
 ///
 /// # Errors
-/// For a path.
+/// For such a path.
 pub(crate) fn misused(mut error: clap::Error, definition: &clap::Command) -> Result<Exit> {
+    if let Some(ContextValue::String(given)) = error.get(ContextKind::InvalidArg)
+        && hemicube_scene::Format::from_path(Path::new(given)).is_some()
+        && Path::new(given).is_file()
+    {
+        return Err(hinted(
+            anyhow!("`{given}` is a second scene, and one is taken"),
+            "for a scene in several files, put them, and nothing else, in a folder, and give the folder",
+        ));
+    }
     let Some(ContextValue::String(given)) = error.get(ContextKind::InvalidSubcommand) else {
         error.exit()
     };
@@ -148,7 +157,7 @@ pub(crate) fn misused(mut error: clap::Error, definition: &clap::Command) -> Res
 /// The error of a path in place of a command.
 fn without_command(path: &Path) -> anyhow::Error {
     let shown = word(path);
-    if path.is_dir() {
+    if path.is_dir() && hemicube_scene::files(path).is_err() {
         return hinted(
             anyhow!("`{}` is a directory, and no command is given", path.display()),
             format!("for a matrix: `hemicube check {shown}`, `hemicube report {shown}`"),

@@ -336,7 +336,7 @@ struct Elements {
     rows: u64,
     /// Patches of which some triangles were drawn.
     patches: u64,
-    /// So many of each.
+    /// Numbers of each.
     most: u64,
 }
 
@@ -556,10 +556,7 @@ impl Verification {
         }
     }
 
-    /// Text for people.
-    pub(crate) fn text(&self) -> String {
-        let m = &self.measured;
-        let mut list = Listing::default();
+    fn add_rows(&self, list: &mut Listing) {
         let rows = if self.rows >= self.rows_computed {
             format!("all {}", counted(self.rows, "row"))
         } else {
@@ -572,13 +569,11 @@ impl Verification {
         };
         let interrupted = if self.interrupted { "; interrupted" } else { "" };
         list.add("verified", format!("{rows} against rays{interrupted}"));
-        if self.rows == 0 {
-            return list.text();
-        }
-        if let Some(elements) = self.elements {
+        if let Some(elements) = self.elements.filter(|_| self.rows > 0) {
             let drawn = if elements.patches > 0 {
                 format!(
-                    ": {} drawn of each of {}, and the rest in full; intervals and noise hold what the draw leaves open",
+                    ": {} drawn of each of {}, and the rest in full; intervals and noise hold what the draw leaves \
+                     open",
                     elements.most,
                     counted(elements.patches, "large patch")
                 )
@@ -592,6 +587,16 @@ impl Verification {
                     counted(elements.rows, "row").replace("row", "reference row")
                 ),
             );
+        }
+    }
+
+    /// Text for people.
+    pub(crate) fn text(&self) -> String {
+        let m = &self.measured;
+        let mut list = Listing::default();
+        self.add_rows(&mut list);
+        if self.rows == 0 {
+            return list.text();
         }
         let range = |interval: Interval| format!("{} to {}", percent(interval.low), percent(interval.high));
         list.add(

@@ -23,11 +23,11 @@ pub struct Up {
     pub axis: Axis,
     /// The reason, as a clause.
     pub reason: String,
-    /// How it is known.
+    /// The evidence.
     pub source: Source,
 }
 
-/// How the axis pointing up is known.
+/// Evidence for the axis pointing up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     /// The format, or the user, says so.

@@ -630,8 +630,8 @@ impl<'a> Task<'a> {
             talk.warn(note);
         }
         if arguments.thermal {
-            let exchange = heat::Exchange::new(arguments, store, (table, row_table), &properties)?;
-            exchange.question(arguments, (table, row_table), talk);
+            let exchange = heat::Exchange::new(arguments, store, table, row_table, &properties)?;
+            exchange.question(arguments, table, row_table, talk);
             return Ok(Self {
                 bands: vec!["total".to_owned()],
                 rows: 1,

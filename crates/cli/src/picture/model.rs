@@ -395,11 +395,11 @@ struct Shot<'a> {
     camera: &'a Camera,
     lens: Lens,
     seen: Vec<Seen>,
-    /// What is seen in mirrors and through panes, and its share, by sample.
+    /// Patches seen in mirrors and through panes, and their shares, by sample.
     through: HashMap<usize, Vec<(Seen, f64)>>,
 }
 
-/// What samples that show a mirror or a pane see behind it.
+/// Views of samples that show a mirror or a pane behind it.
 fn behind(prepared: &Prepared, specular: &Specular, lens: &Lens, seen: &[Seen]) -> HashMap<usize, Vec<(Seen, f64)>> {
     let mut through = ThroughPortals::new(specular, None, &prepared.model);
     let mut found = HashMap::new();

@@ -343,7 +343,6 @@ impl Job {
             .map_or_else(|| model.patches(), Images::cell);
         let selection = Selection::by_name(scene, patches, names)?;
         self.check_portals(&selection)?;
-        let tolerance = self.accuracy.tolerance();
         let grouping = Grouping::new(scene, patches, self.patches).map(Arc::new);
         if let Some(grouping) = &grouping {
             self.require_whole(&selection, grouping, scene, patches)?;
@@ -352,7 +351,7 @@ impl Job {
         let selection = self.with_images(selection, model);
         let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
-        let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance);
+        let policy = self.storage_policy(patch_count);
         let stage = InStage::begin(observer, Stage::Calibrate);
         let Sessions {
             rows: mut backend,
@@ -412,15 +411,7 @@ impl Job {
             culling: self.culling.unwrap_or(Culling::On),
             covered: false,
         };
-        let mut probe = None;
-        if self.forecasts || self.culling.is_none() {
-            let found = Probe::render(model, &plan, render, backend.as_mut(), execution.cancel)?;
-            if self.culling.is_none() {
-                render.culling = found.culling();
-                observer.note(Note::Culling(&found));
-            }
-            probe = Some(found);
-        }
+        let probe = self.probe(model, &plan, &mut render, backend.as_mut(), observer)?;
         // Choices of a backend by the scene are part of the store's header.
         compute::load(model, &plan.correction, render, backend.as_mut())?;
         // Rows would build it, and memory is asked for before them.
@@ -435,6 +426,30 @@ impl Job {
             model,
             backend,
         })
+    }
+
+    fn storage_policy(&self, patch_count: u32) -> StoragePolicy {
+        StoragePolicy::choose(self.form, self.min_factor, patch_count, self.accuracy.tolerance())
+    }
+
+    /// Renders trial hemicubes where a forecast or the choice of culling needs them, and makes that choice.
+    fn probe(
+        &self,
+        model: &Model,
+        plan: &Plan,
+        render: &mut RenderSettings,
+        backend: &mut dyn HemicubeBackend,
+        observer: &dyn Observer,
+    ) -> Result<Option<Probe>, JobError> {
+        if !self.forecasts && self.culling.is_some() {
+            return Ok(None);
+        }
+        let found = Probe::render(model, plan, *render, backend, observer.cancel())?;
+        if self.culling.is_none() {
+            render.culling = found.culling();
+            observer.note(Note::Culling(&found));
+        }
+        Ok(Some(found))
     }
 
     /// Refuses what rows through portals do not have.

@@ -17,7 +17,7 @@ use super::aim::Casts;
 use super::gather::{Column, Found, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::{Share, Through};
-use super::pass::{Passes, Taker};
+use super::pass::{Passes, PixelView, Taker};
 use super::specular::Laws;
 use super::trace::Tracer;
 use super::{Images, Optics, Portals};
@@ -266,8 +266,14 @@ impl<'a> Extender<'a> {
             .collect();
         for hemicube in hemicubes {
             let items = session.items(hemicube)?;
-            let weights = (&*table, FINE, bound);
-            passes.follow((hemicube, &items), weights, &seen, tracer.surfaces(), &mut taker);
+            let view = PixelView {
+                hemicube,
+                items: &items,
+                table,
+                fine: FINE,
+                bound,
+            };
+            passes.follow(&view, &seen, tracer.surfaces(), &mut taker);
         }
         tracer.legs = std::mem::take(&mut passes.legs);
         let ledger = taker.ledger;
@@ -311,8 +317,8 @@ impl<'a> Extender<'a> {
         self.ledger.clear();
         let mut is_by_rays = false;
         let permitted = loop {
-            let taken = (&mut self.tracer, &mut self.motions, &mut self.ledger);
-            casts.cast(bound, self.cancel, taken, &column);
+            let (tracer, motions) = (&mut self.tracer, &mut self.motions);
+            casts.cast(bound, self.cancel, tracer, motions, &mut self.ledger, &column);
             let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
             let seen = self.ledger.entries.values();
             let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
@@ -350,22 +356,20 @@ impl<'a> Extender<'a> {
             lost[3] += sent;
         }
         let most = if is_by_rays { 0 } else { PAIRS[level] };
-        let until = self.tracer.legs.saturating_add(effort);
+        let limits = Limits {
+            permitted,
+            most,
+            until: self.tracer.legs.saturating_add(effort),
+        };
         // A segment is followed to its end.
         self.tracer.legs_max = u64::MAX;
-        let known = self.measure(&casts, level, (permitted, most, until), rule, scale);
+        let known = self.measure(&casts, level, limits, rule, scale);
         balanced(sent, &known, lost)
     }
 
     /// Arrivals at each patch under each motion: by segments and closed forms for the largest, by rays otherwise.
-    fn measure(
-        &mut self,
-        casts: &Casts<'_>,
-        level: usize,
-        (permitted, most, until): (Option<f64>, usize, u64),
-        rule: FactorRule,
-        scale: f64,
-    ) -> Vec<Known> {
+    fn measure(&mut self, casts: &Casts<'_>, level: usize, limits: Limits, rule: FactorRule, scale: f64) -> Vec<Known> {
+        let Limits { permitted, most, until } = limits;
         let entries = self.ledger.sorted();
         let pairs = entries
             .iter()
@@ -501,6 +505,16 @@ fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted
         .take(PAIRS[1])
         .filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
     wanted <= (pairs.count() * SEGMENTS[1].0) as f64
+}
+
+/// Bounds of what a row's arrivals by segments may cost.
+struct Limits {
+    /// Squared error that they may leave.
+    permitted: Option<f64>,
+    /// Number of pairs.
+    most: usize,
+    /// Legs of the tracer at which they end.
+    until: u64,
 }
 
 /// Arrivals at a patch under a motion.

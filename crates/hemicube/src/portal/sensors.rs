@@ -2,7 +2,7 @@
 //! kernel of a body in place of a patch's cosine.
 
 use super::gather::{Column, Ledger};
-use super::pass::{Passes, Taker};
+use super::pass::{Passes, PixelView, Taker};
 use super::trace::Surfaces;
 use super::{Images, Optics, Portals, specular::Laws};
 use crate::Model;
@@ -78,7 +78,8 @@ impl<'a> Follower<'a> {
     /// hemicube sees directly.
     pub(crate) fn follow(
         &mut self,
-        (hemicube, items): (&Hemicube, &Items),
+        hemicube: &Hemicube,
+        items: &Items,
         table: &DeltaTable,
         up: DVec3,
         shown: impl Iterator<Item = u32>,
@@ -107,9 +108,14 @@ impl<'a> Follower<'a> {
             column,
             up: Some(up),
         };
-        let weights = (table, FINE, self.bound);
-        self.passes
-            .follow((hemicube, items), weights, &self.seen, surfaces, &mut taker);
+        let view = PixelView {
+            hemicube,
+            items,
+            table,
+            fine: FINE,
+            bound: self.bound,
+        };
+        self.passes.follow(&view, &self.seen, surfaces, &mut taker);
         let ledger = &self.ledger;
         for ((_, patch), found) in &ledger.entries {
             add(&mut arrivals.patches, *patch, [found.weight, found.passed]);

@@ -225,28 +225,41 @@ impl<'m> Reference<'m> {
                 break;
             }
         }
+        row.rays += rays;
+        ends.add_to(row, walks);
+        add_arrivals(found, walks, row);
+    }
+}
+
+impl Ends {
+    /// Adds the shares of `walks` to a row.
+    fn add_to(&self, row: &mut ReferenceRow, walks: u64) {
         let whole = walks as f64;
         let share = |count: u64| count as f64 / whole;
-        row.rays += rays;
-        row.escaped += share(ends.escaped);
-        row.blocked += share(ends.blocked);
-        row.cut_off += share(ends.cut_off);
-        row.passed += share(ends.passed);
+        row.escaped += share(self.escaped);
+        row.blocked += share(self.blocked);
+        row.cut_off += share(self.cut_off);
+        row.passed += share(self.passed);
         let each = |count: u64| (share(count) * (1.0 - share(count)).max(0.0) / whole).sqrt();
-        row.error_of_shares = row.error_of_shares.hypot(each(ends.escaped).max(each(ends.blocked)));
-        for (patch, arrivals) in found {
-            let mean = share(arrivals.sum);
-            let variance = (share(arrivals.squares) - mean * mean).max(0.0) / whole;
-            match row.columns.binary_search(&patch) {
-                Ok(place) => {
-                    row.values[place] += mean;
-                    row.errors[place] = row.errors[place].hypot(variance.sqrt());
-                }
-                Err(place) => {
-                    row.columns.insert(place, patch);
-                    row.values.insert(place, mean);
-                    row.errors.insert(place, variance.sqrt());
-                }
+        row.error_of_shares = row.error_of_shares.hypot(each(self.escaped).max(each(self.blocked)));
+    }
+}
+
+/// Adds the mean arrivals of `walks` at each patch to a row, with their errors.
+fn add_arrivals(found: BTreeMap<u32, Arrivals>, walks: u64, row: &mut ReferenceRow) {
+    let whole = walks as f64;
+    for (patch, arrivals) in found {
+        let mean = arrivals.sum as f64 / whole;
+        let variance = (arrivals.squares as f64 / whole - mean * mean).max(0.0) / whole;
+        match row.columns.binary_search(&patch) {
+            Ok(place) => {
+                row.values[place] += mean;
+                row.errors[place] = row.errors[place].hypot(variance.sqrt());
+            }
+            Err(place) => {
+                row.columns.insert(place, patch);
+                row.values.insert(place, mean);
+                row.errors.insert(place, variance.sqrt());
             }
         }
     }

@@ -25,7 +25,7 @@ const FINE: u64 = 1 << 10;
 pub struct Glazed<'a> {
     /// Its patches.
     pub division: &'a SkyDivision,
-    /// Where up and north are.
+    /// Directions of up and north.
     pub horizon: Horizon,
     /// Mirrors and panes.
     pub specular: &'a Specular,

@@ -48,7 +48,7 @@ impl SmallEntryRule {
         factor >= self.least
     }
 
-    /// What is left of a form factor, unrounded.
+    /// A form factor after the rule, unrounded; 0 if it is left out.
     pub(crate) fn of(self, factor: f64) -> f64 {
         if self.keeps(factor) { factor * self.scale } else { 0.0 }
     }

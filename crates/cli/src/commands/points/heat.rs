@@ -120,7 +120,8 @@ impl Heat {
         }
         if let Some((name, count)) = without.iter().next() {
             bail!(
-                "`{}` has no temperature for the object `{name}`, {}, nor for {} more; a line `*,KELVIN` is for all others",
+                "`{}` has no temperature for the object `{name}`, {}, nor for {} more; a line `*,KELVIN` is for all \
+                 others",
                 path.display(),
                 counted(*count, "patch"),
                 counted(without.len() as u64 - 1, "object"),

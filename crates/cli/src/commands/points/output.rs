@@ -134,7 +134,7 @@ impl Groups {
     }
 }
 
-/// What is kept of a row.
+/// Numbers kept of a row.
 pub(super) struct Kept {
     pub(super) sensor: usize,
     /// Without patches, unless they are asked for.

@@ -22,7 +22,7 @@ pub(super) struct Listed {
     pub(super) lines: Vec<u64>,
 }
 
-/// Where the sensors come from.
+/// Origin of the sensors.
 pub(super) enum Source {
     Listed(Listed),
     Grid(super::grid::Grid),

@@ -5,10 +5,9 @@ use crate::report::{Listing, PendingFile, count, counted, percent, table};
 use crate::table::field;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use hemicube::analysis::surfaces::{HeatBalance, SurfaceHeat};
+use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat};
 use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::Enclosures;
-use hemicube::store::{PatchTable, RowTable};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -99,15 +98,12 @@ pub(super) struct Results {
     emissivities_of_scene: Option<(usize, f64, f64)>,
 }
 
-/// The tables of a matrix, and the names of its objects and materials.
-type Tables<'a> = (&'a PatchTable, &'a RowTable, [&'a [String]; 2]);
-
 impl Results {
     pub(super) fn new(
         by: By,
         surfaces: Vec<SurfaceHeat>,
         balance: HeatBalance,
-        found: Option<(&Enclosures, Tables<'_>)>,
+        found: Option<(&Enclosures, MatrixTables<'_>)>,
     ) -> Self {
         let (enclosures, alone) = found.map_or((Vec::new(), 0), |(found, of)| enclosures_of(found, of));
         Self {
@@ -296,7 +292,13 @@ impl Enclosure {
 }
 
 /// Enclosures of two patches or more, the largest first, and the number of patches alone.
-fn enclosures_of(found: &Enclosures, (table, rows, [objects, materials]): Tables<'_>) -> (Vec<Enclosure>, u64) {
+fn enclosures_of(found: &Enclosures, tables: MatrixTables<'_>) -> (Vec<Enclosure>, u64) {
+    let MatrixTables {
+        patches: table,
+        rows,
+        names,
+    } = tables;
+    let [objects, materials] = names;
     let mut all = Vec::new();
     let mut alone = 0;
     for patches in found.patches() {

@@ -244,7 +244,7 @@ struct Rendered {
     show: Show,
     resolution: u32,
     items: Items,
-    /// What pixels that show a mirror or a pane see behind it; empty without any.
+    /// Views of pixels that show a mirror or a pane behind it; empty without any.
     behind: Vec<Option<PathEnd>>,
     table: DeltaTable,
     /// For depth and occlusion.
