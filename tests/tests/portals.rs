@@ -374,10 +374,7 @@ fn what_is_not_there_yet_is_refused_by_name() {
             .is(2)
             .says(words);
     };
-    refused("--store compact", &["such a matrix is plain"]);
-    refused("--min-factor 1e-5", &["such a matrix is plain"]);
     refused("--receivers top", &["mirrors and panes need columns"]);
-    refused("--patches object", &["portals are followed from triangles"]);
     place
         .0
         .write("optics.toml", "[object.x1]\nspecular = 0.7\ntransmittance = 0.7\n");

@@ -493,7 +493,7 @@ impl Worker<'_> {
             .map_err(|error| failed(backend.as_ref(), error))?;
         if let Some(follower) = &mut self.follower {
             let Sum { seen, through, .. } = sum;
-            follower.follow((&hemicube, &items), table, up, seen.keys().copied(), through);
+            follower.follow(&hemicube, &items, table, up, seen.keys().copied(), through);
         }
         Ok(())
     }
@@ -511,12 +511,13 @@ impl Worker<'_> {
             row.ground += weight * seen.ground;
             row.blocked += weight * seen.blocked;
             if let Some(follower) = &self.follower {
-                add_through(
-                    follower,
-                    (part, sum, &seen.patches),
-                    &mut row,
-                    (&mut patches, &mut passed),
-                );
+                let through = Through::new(follower, weight, sum, &seen.patches);
+                patches.extend(through.patches);
+                passed.extend(through.passed);
+                row.sky += through.sky;
+                row.ground += through.ground;
+                row.blocked += through.blocked;
+                row.cut_off += through.cut_off;
             }
         }
         if let Some(images) = self.images {
@@ -532,42 +533,49 @@ impl Worker<'_> {
     }
 }
 
-/// Adds what a part of a body sees through portals to a row, scaled to what they hand on of what is seen directly.
-fn add_through(
-    follower: &Follower<'_>,
-    (part, sum, seen): (&Part, &Sum, &[(InputPatch, f64)]),
-    row: &mut SensorRow,
-    (patches, passed): (&mut Vec<(InputPatch, f64)>, &mut Vec<(InputPatch, f64)>),
-) {
-    let through = &sum.through;
-    let mut sent = 0.0;
-    for &(patch, factor) in seen {
-        let of_patch = factor * follower.passed(patch.0, through);
-        if of_patch > 0.0 {
-            sent += of_patch;
-            passed.push((patch, part.weight * of_patch));
+/// What portals add to a row: patches' factors, the parts handed on, and shares.
+#[derive(Default)]
+struct Through {
+    patches: Vec<(InputPatch, f64)>,
+    passed: Vec<(InputPatch, f64)>,
+    sky: f64,
+    ground: f64,
+    blocked: f64,
+    cut_off: f64,
+}
+
+impl Through {
+    /// What a part of a body sees through portals, scaled to what they hand on of what is `seen` directly.
+    fn new(follower: &Follower<'_>, weight: f64, sum: &Sum, seen: &[(InputPatch, f64)]) -> Self {
+        let arrivals = &sum.through;
+        let mut found = Self::default();
+        let mut sent = 0.0;
+        for &(patch, factor) in seen {
+            let of_patch = weight * factor * follower.passed(patch.0, arrivals);
+            if of_patch > 0.0 {
+                sent += of_patch;
+                found.passed.push((patch, of_patch));
+            }
         }
-    }
-    if sent == 0.0 {
-        return;
-    }
-    if through.sent == 0 {
-        // No pixel shows a portal that the closed form sees.
-        row.cut_off += part.weight * sent;
-        return;
-    }
-    let scale = part.weight * sent / through.sent as f64;
-    let share = |weight: u64| scale * weight as f64;
-    for (&patch, &[weight, on]) in &through.patches {
-        patches.push((InputPatch(patch), share(weight)));
-        if on > 0 {
-            passed.push((InputPatch(patch), share(on)));
+        if sent == 0.0 {
+            return found;
         }
+        if arrivals.sent == 0 {
+            // No pixel shows a portal that the closed form sees.
+            found.cut_off = sent;
+            return found;
+        }
+        let share = |weight: u64| sent * (weight as f64 / arrivals.sent as f64);
+        for (&patch, &[weight, on]) in &arrivals.patches {
+            found.patches.push((InputPatch(patch), share(weight)));
+            if on > 0 {
+                found.passed.push((InputPatch(patch), share(on)));
+            }
+        }
+        let shares = [arrivals.sky, arrivals.ground, arrivals.blocked, arrivals.cut_off];
+        [found.sky, found.ground, found.blocked, found.cut_off] = shares.map(share);
+        found
     }
-    row.sky += share(through.sky);
-    row.ground += share(through.ground);
-    row.blocked += share(through.blocked);
-    row.cut_off += share(through.cut_off);
 }
 
 /// Turns patches of images into the cell's. Returns the sum of those that are curtains, which are left out.

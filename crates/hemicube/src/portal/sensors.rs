@@ -78,7 +78,8 @@ impl<'a> Follower<'a> {
     /// hemicube sees directly.
     pub(crate) fn follow(
         &mut self,
-        (hemicube, items): (&Hemicube, &Items),
+        hemicube: &Hemicube,
+        items: &Items,
         table: &DeltaTable,
         up: DVec3,
         shown: impl Iterator<Item = u32>,

@@ -198,7 +198,7 @@ impl CsrFile {
         }
         let entries = match form {
             Form::Plain | Form::Double => Self::read_plain(path, npz, &wrong)?,
-            Form::Compact => Self::read_compact(path, npz, (row_count, scale), &wrong)?,
+            Form::Compact => Self::read_compact(path, npz, row_count, scale, &wrong)?,
         };
         Ok(Self {
             path: path.to_owned(),
@@ -232,7 +232,8 @@ impl CsrFile {
     fn read_compact(
         path: &Path,
         npz: &mut Npz,
-        (row_count, scale): (u64, f32),
+        row_count: u64,
+        scale: f32,
         wrong: &dyn Fn(&str) -> Error,
     ) -> Result<Entries> {
         let runptr = npz.counts("runptr")?;
