@@ -719,6 +719,50 @@ fn words_in_place_of_commands_are_understood() {
     }
 }
 
+/// A floor and a lamp above it in two files of a folder are the scene that one file makes of them, but for names.
+#[test]
+fn a_folder_is_one_scene() {
+    let place = Place::new();
+    let floor = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n";
+    let lamp = "v 0 0 1\nv 0 1 1\nv 1 1 1\nv 1 0 1\n";
+    place.write("model/floor.obj", format!("o Body\n{floor}"));
+    place.write("model/lamp.obj", format!("o Body\n{lamp}f 1 2 3 4\n"));
+    place.write("whole.obj", format!("{floor}{lamp}f 5 6 7 8\n"));
+    for scene in ["model", "whole.obj"] {
+        place
+            .line(&format!("compute {scene} -q --up z --split 4 --resolution 64"))
+            .is(0);
+    }
+    let parts = |store: &str| {
+        let mut parts = files(&place.path(store));
+        parts.retain(|name, _| name.starts_with("parts"));
+        parts
+    };
+    assert!(!parts("model.hemicube").is_empty());
+    assert!(parts("model.hemicube") == parts("whole.hemicube"), "rows differ");
+
+    let seen = place.line("inspect model --json -").is(0).json();
+    let read = std::fs::read_to_string(place.path("model.hemicube/manifest.json")).expect("a manifest");
+    let manifest: Value = serde_json::from_str(&read).expect("JSON");
+    assert_eq!(manifest["objects"], serde_json::json!(["floor", "lamp"]));
+    let bytes = files(&place.path("model")).values().map(Vec::len).sum::<usize>();
+    assert_eq!(seen["input"]["bytes"], bytes);
+
+    // Every command that asks for the scene takes the folder, and tells when it is another.
+    place.line("export model.hemicube p.vtp --scene model").is(0);
+    place
+        .line("compute model/floor.obj model/lamp.obj -o n")
+        .fails_with(&["`model/lamp.obj` is a second scene", "in a folder, and give the folder"]);
+    place
+        .line("model")
+        .fails_with(&["hemicube compute model -o model.hemicube"]);
+    place.write("model/more.obj", format!("{floor}f 1 2 3\n"));
+    place.line("export model.hemicube q.vtp --scene model").is(2);
+    place
+        .line("compute model.hemicube")
+        .fails_with(&["is a matrix, and a scene is needed"]);
+}
+
 #[test]
 fn the_only_solution_is_shown() {
     let place = Place::new();

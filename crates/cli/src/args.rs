@@ -5,6 +5,7 @@ use hemicube::backend::RESOLUTIONS;
 use hemicube::sky::PARTS_MAX;
 use hemicube::store::Shard;
 use hemicube_scene::Axis;
+use hemicube_spatial::whole;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -33,7 +34,6 @@ pub(crate) struct Talk {
         global = true,
         value_name = "text|json",
         default_value = "text",
-        hide_possible_values = true,
         hide_short_help = true
     )]
     pub(crate) log_format: LogFormat,
@@ -62,18 +62,13 @@ pub(crate) struct SceneSettings {
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) patch_size: Option<f64>,
     /// Make both sides of triangles patches; auto: as the file says
-    #[arg(
-        long,
-        value_name = "auto|on|off",
-        default_value = "auto",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "auto|on|off", default_value = "auto")]
     pub(crate) two_sided: AutoSwitch,
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
     /// The axis that points up [default: the file's, or found]
-    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
+    #[arg(long, value_name = "x|y|z")]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR
     #[arg(
@@ -123,7 +118,6 @@ pub(crate) struct EngineSettings {
         long,
         value_name = "auto|depth|order|claims",
         default_value = "auto",
-        hide_possible_values = true,
         hide_short_help = true
     )]
     pub(crate) engine: Engine,
@@ -179,13 +173,7 @@ pub(crate) struct RenderSettings {
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
     pub(crate) samples: Samples,
     /// Turn each hemicube by a hash of its patch
-    #[arg(
-        long,
-        value_name = "on|off",
-        default_value = "on",
-        hide_possible_values = true,
-        hide_short_help = true
-    )]
+    #[arg(long, value_name = "on|off", default_value = "on", hide_short_help = true)]
     pub(crate) rotation: Switch,
     #[command(flatten)]
     pub(crate) engine: EngineSettings,
@@ -517,9 +505,15 @@ pub(crate) fn tolerance(text: &str) -> Result<Tolerance, String> {
     }
 }
 
-/// `800M`, `4G`, `1.5 GiB` or a number of bytes.
+/// `800M`, `4G`, `1.5 GiB` or a number of bytes: 1 MB at least.
 fn bytes(text: &str) -> Result<u64, String> {
     let needed = || "a size such as `800M` or `4G` is needed".to_owned();
+    let size = size(text).filter(|size| (1e6..1e18).contains(size));
+    size.map(whole::to_u64).ok_or_else(needed)
+}
+
+/// A number of bytes, with or without a unit; `None` without a number, or with another unit.
+pub(crate) fn size(text: &str) -> Option<f64> {
     let text = text.trim();
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit: f64 = match text[digits.len()..].to_ascii_lowercase().as_str() {
@@ -532,19 +526,9 @@ fn bytes(text: &str) -> Result<u64, String> {
         "mib" => 1_048_576.0,
         "gib" => 1_073_741_824.0,
         "tib" => 1_099_511_627_776.0,
-        _ => return Err(needed()),
+        _ => return None,
     };
-    let number: f64 = digits.trim().parse().map_err(|_| needed())?;
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "held against its range"
-    )]
-    if (1e6..1e18).contains(&(number * unit)) {
-        Ok((number * unit) as u64)
-    } else {
-        Err(needed())
-    }
+    digits.trim().parse::<f64>().ok().map(|number| number * unit)
 }
 
 pub(crate) fn resolution(text: &str) -> Result<Auto, String> {

@@ -137,6 +137,22 @@ impl PortalSettings {
         }
     }
 
+    /// [`Self::portals`] for commands other than `compute`, of one band.
+    ///
+    /// # Errors
+    /// Like it, and when the file has several bands.
+    pub(crate) fn of_one_band(
+        &self,
+        prepared: &mut Prepared,
+        hierarchy: HierarchyOptions,
+        tolerance: Option<f64>,
+    ) -> Result<Portals> {
+        if let Some(path) = &self.specular {
+            require_one_band(path)?;
+        }
+        self.portals(prepared, hierarchy, tolerance)
+    }
+
     /// The portals of a scene, whose model gets the images.
     ///
     /// # Errors
@@ -184,6 +200,12 @@ fn explain(error: ImageError, path: &str) -> anyhow::Error {
 /// # Errors
 /// When the file has several bands, or does not fit the scene.
 pub(crate) fn of_one_band(path: &Path, prepared: &Prepared, bound: f64) -> Result<Specular> {
+    require_one_band(path)?;
+    specular(path, prepared, bound, 0)
+}
+
+/// Refuses files of several bands.
+fn require_one_band(path: &Path) -> Result<()> {
     if path != Path::new(SCENE) {
         let bands = read(path)?.bands()?;
         if bands.len() > 1 {
@@ -194,7 +216,7 @@ pub(crate) fn of_one_band(path: &Path, prepared: &Prepared, bound: f64) -> Resul
             );
         }
     }
-    specular(path, prepared, bound, 0)
+    Ok(())
 }
 
 /// A path of `--specular` to read: not the word for the scene's own.

@@ -316,12 +316,6 @@ pub(crate) fn prepare_of(
     patch_count: Option<u32>,
 ) -> Result<Option<Prepared>> {
     let started = Instant::now();
-    if path.is_dir() {
-        return Err(anyhow!(
-            "`{}` is a directory; give the file of a scene in it",
-            path.display()
-        ));
-    }
     let options = ReadOptions {
         optics: false,
         allow_large: settings.allow_large,

@@ -8,8 +8,9 @@ use anyhow::{Context, Result, anyhow, bail};
 use hemicube::diagnose::Place;
 use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
+use hemicube_spatial::whole;
 use serde::Serialize;
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// The version of every JSON report.
@@ -77,9 +78,20 @@ pub(crate) fn require(path: &Path) -> Result<()> {
     }
 }
 
-/// Name of a scene's matrix, where none is given: `room.hemicube` of `scenes/room.obj`.
+/// Name of a scene's matrix, where none is given: `room.hemicube` of `scenes/room.obj` and of the folder `scenes/room`.
 pub(crate) fn matrix_of(scene: &Path) -> PathBuf {
-    let mut name = scene.file_stem().unwrap_or_default().to_owned();
+    let mut name = if scene.is_dir() {
+        // `.` and `..` have no name of their own.
+        let whole = scene.canonicalize();
+        whole
+            .as_deref()
+            .unwrap_or(scene)
+            .file_name()
+            .unwrap_or_default()
+            .to_owned()
+    } else {
+        scene.file_stem().unwrap_or_default().to_owned()
+    };
     name.push(".hemicube");
     name.into()
 }
@@ -200,23 +212,23 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    /// Reads the file at `path`.
+    /// Reads the file at `path`, or the scene files of a folder, of which names and lengths are hashed, too.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// When one cannot be read.
     pub(crate) fn of(path: &Path) -> Result<Self> {
-        let cannot = || format!("`{}` cannot be read", path.display());
-        let mut file = hemicube_scene::open_regular(path).with_context(cannot)?;
+        let is_folder = path.is_dir();
         let mut hasher = blake3::Hasher::new();
-        let mut buffer = vec![0; 1 << 16];
         let mut bytes = 0;
-        loop {
-            let count = file.read(&mut buffer).with_context(cannot)?;
-            if count == 0 {
-                break;
+        for file in hemicube_scene::files(path)? {
+            let cannot = || format!("`{}` cannot be read", file.display());
+            let mut opened = hemicube_scene::open_regular(&file).with_context(cannot)?;
+            if is_folder {
+                hasher.update(file.file_name().unwrap_or_default().as_encoded_bytes());
+                let length = opened.metadata().with_context(cannot)?.len();
+                hasher.update(&[0]).update(&length.to_le_bytes());
             }
-            hasher.update(&buffer[..count]);
-            bytes += count as u64;
+            bytes += io::copy(&mut opened, &mut hasher).with_context(cannot)?;
         }
         Ok(Self {
             path: path.display().to_string(),
@@ -420,8 +432,7 @@ pub(crate) fn figures(value: f64) -> String {
     } else if magnitude < 99.95 {
         format!("{value:.1}")
     } else {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below a million")]
-        let rounded = count(magnitude.round() as u64);
+        let rounded = count(whole::to_u64(magnitude.round()));
         if value < 0.0 { format!("-{rounded}") } else { rounded }
     }
 }
@@ -434,13 +445,7 @@ pub(crate) fn about(value: f64) -> String {
     } else {
         10f64.powf(value.log10().floor() - 2.0)
     };
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted"
-    )]
-    let rounded = ((value / unit).round() * unit).round() as u64;
-    count(rounded)
+    count(whole::to_u64(((value / unit).round() * unit).round()))
 }
 
 /// Warns of a file's points that are not in the open, by place, with their lines. `places` are of all points or of

@@ -4,12 +4,12 @@ use crate::args::{AutoSwitch, Division, EngineSettings, SceneSettings, Switch, U
 use crate::exit::hinted;
 use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
-use hemicube::Grouping;
 use hemicube::driver::input::SceneInput;
 use hemicube::driver::room::Work;
-use hemicube::portal::Specular;
+use hemicube::portal::{ImageSettings, Images, Portals, Specular};
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::store::{Store, scene_hash};
+use hemicube::{Grouping, HierarchyOptions};
 use hemicube_scene::ReadOptions;
 use hemicube_scene::up::{Up, up};
 use serde_json::Value;
@@ -127,6 +127,29 @@ pub(crate) fn specular(store: &Store, prepared: &Prepared) -> Result<Option<Spec
             "`{}` says other mirrors and panes than its scene has",
             store.directory().display()
         )
+    })
+}
+
+/// The portals of a matrix, whose images the scene's model gets.
+///
+/// # Errors
+/// When its settings do not fit the scene.
+pub(crate) fn portals(store: &Store, prepared: &mut Prepared, hierarchy: HierarchyOptions) -> Result<Portals> {
+    let specular = specular(store, prepared)?;
+    let Some(settings) = ImageSettings::of_settings(&store.manifest().settings) else {
+        return Ok(Portals { images: None, specular });
+    };
+    let made = Images::model(settings, &prepared.scene, &prepared.patches, hierarchy);
+    let (model, images) = made.with_context(|| {
+        format!(
+            "`{}` says other symmetry and periods than its scene has",
+            store.directory().display()
+        )
+    })?;
+    prepared.model = model;
+    Ok(Portals {
+        images: Some(images),
+        specular,
     })
 }
 

@@ -154,7 +154,7 @@ fn number(field: &str) -> Result<f64> {
 /// When the file cannot be read, is no UTF-8, holds no row, or a line is malformed: the error names it.
 pub(crate) fn read<const N: usize>(path: &Path, names: [&str; N]) -> Result<Vec<Row<N>>> {
     let text = text(path)?;
-    rows(&text, names).map_err(|error| located(path, error))
+    rows(&text, names).map_err(|(line, error)| located(path, line, error))
 }
 
 /// Rows of one of two sets of columns.
@@ -181,7 +181,7 @@ pub(crate) fn read_either<const A: usize, const B: usize>(
     } else {
         rows(&text, first).map(Either::First)
     };
-    found.map_err(|error| located(path, error))
+    found.map_err(|(line, error)| located(path, line, error))
 }
 
 /// Returns whether a table has columns beyond the first `count` of `names`.
@@ -198,7 +198,7 @@ fn has_more(text: &str, count: usize, names: &[&str]) -> bool {
 }
 
 /// An error by its line.
-fn located(path: &Path, (line, error): (Option<u64>, anyhow::Error)) -> anyhow::Error {
+fn located(path: &Path, line: Option<u64>, error: anyhow::Error) -> anyhow::Error {
     match line {
         Some(line) => anyhow!("{}:{line}: {error}", path.display()),
         None => anyhow!("`{}` {error}", path.display()),

@@ -14,6 +14,7 @@ use hemicube::reference::{
 };
 use hemicube::store::{Part, RowTable, Store};
 use hemicube::{Grouping, InputPatch, Model};
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -34,12 +35,7 @@ pub(crate) fn reference_settings(tolerance: Option<Tolerance>, seed: u64) -> Ref
         (SHARE_OF_TOLERANCE * tolerance.0).clamp(LEAST_TARGET, MOST_TARGET)
     });
     let suits = ReferenceSettings::default();
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small factor above 1"
-    )]
-    let times = (MOST_TARGET / target) as u64;
+    let times = whole::to_u64(MOST_TARGET / target);
     ReferenceSettings {
         target,
         max_rays: suits.max_rays * times.clamp(1, 8),
@@ -336,7 +332,7 @@ struct Elements {
     rows: u64,
     /// Patches of which some triangles were drawn.
     patches: u64,
-    /// So many of each.
+    /// Numbers of each.
     most: u64,
 }
 
@@ -456,7 +452,8 @@ impl Verify<'_> {
             receivers: plan.selection.receivers.clone(),
         };
         let rows = Plan::new(model, RowChoice::All, selection, plan.samples_per_edge, plan.rotate)
-            .with_correction(plan.correction);
+            .with_correction(plan.correction)
+            .with_portals(Arc::clone(&plan.portals));
         let resolution = store.manifest().settings["resolution"].as_u64();
         let render = RenderSettings {
             resolution: resolution
@@ -555,10 +552,7 @@ impl Verification {
         }
     }
 
-    /// Text for people.
-    pub(crate) fn text(&self) -> String {
-        let m = &self.measured;
-        let mut list = Listing::default();
+    fn add_rows(&self, list: &mut Listing) {
         let rows = if self.rows >= self.rows_computed {
             format!("all {}", counted(self.rows, "row"))
         } else {
@@ -571,13 +565,11 @@ impl Verification {
         };
         let interrupted = if self.interrupted { "; interrupted" } else { "" };
         list.add("verified", format!("{rows} against rays{interrupted}"));
-        if self.rows == 0 {
-            return list.text();
-        }
-        if let Some(elements) = self.elements {
+        if let Some(elements) = self.elements.filter(|_| self.rows > 0) {
             let drawn = if elements.patches > 0 {
                 format!(
-                    ": {} drawn of each of {}, and the rest in full; intervals and noise hold what the draw leaves open",
+                    ": {} drawn of each of {}, and the rest in full; intervals and noise hold what the draw leaves \
+                     open",
                     elements.most,
                     counted(elements.patches, "large patch")
                 )
@@ -591,6 +583,16 @@ impl Verification {
                     counted(elements.rows, "row").replace("row", "reference row")
                 ),
             );
+        }
+    }
+
+    /// Text for people.
+    pub(crate) fn text(&self) -> String {
+        let m = &self.measured;
+        let mut list = Listing::default();
+        self.add_rows(&mut list);
+        if self.rows == 0 {
+            return list.text();
         }
         let range = |interval: Interval| format!("{} to {}", percent(interval.low), percent(interval.high));
         list.add(

@@ -81,7 +81,7 @@ pub struct ExportReport {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn export(store: &Store, path: &Path, format: ExportFormat, options: ExportOptions<'_>) -> Result<ExportReport> {
-    write((store, None, None), path, format, options)
+    write(store, Content::default(), path, format, options)
 }
 
 /// Writes form factors between zones of `store`: rows and columns are zones, in their order.
@@ -97,7 +97,11 @@ pub fn export_zones(
 ) -> Result<ExportReport> {
     let precision = store.manifest().form.precision();
     let rows: Vec<Row> = zones.iter().map(|zone| row_of_zone(zone, precision)).collect();
-    write((store, None, Some(&rows)), path, format, options)
+    let content = Content {
+        zones: Some(&rows),
+        ..Content::default()
+    };
+    write(store, content, path, format, options)
 }
 
 fn row_of_zone(zone: &Zone, precision: Precision) -> Row {
@@ -138,12 +142,26 @@ pub fn export_with_sky(
         let reason = "has more columns, with those of the sky, than 32 bits count".to_owned();
         return unsupported(store.directory(), reason);
     }
-    write((store, Some(sky), None), path, format, options)
+    let content = Content {
+        sky: Some(sky),
+        ..Content::default()
+    };
+    write(store, content, path, format, options)
+}
+
+/// Columns beside a store's matrix, or rows in its place.
+#[derive(Clone, Copy, Default)]
+struct Content<'a> {
+    /// Columns of the sky.
+    sky: Option<&'a StoredSky>,
+    /// Rows of zones, in place of those of patches.
+    zones: Option<&'a [Row]>,
 }
 
 /// Writes a store's matrix, with the sky's columns, or the rows of its zones.
 fn write(
-    (store, sky, zones): (&Store, Option<&StoredSky>, Option<&[Row]>),
+    store: &Store,
+    Content { sky, zones }: Content<'_>,
     path: &Path,
     format: ExportFormat,
     options: ExportOptions<'_>,

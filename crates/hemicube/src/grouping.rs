@@ -122,6 +122,23 @@ impl Grouping {
         })
     }
 
+    /// The grouping of more elements, each of which stands for one of these, or is a patch of its own.
+    pub(crate) fn of_images(&self, elements: u32, stands_for: impl Fn(u32) -> Option<u32>) -> Self {
+        let mut len = self.len;
+        let patch_of = (0..elements).map(|element| match stands_for(element) {
+            Some(own) => self.patch_of[own as usize],
+            None => {
+                len += 1;
+                u32::try_from(len - 1).unwrap_or(u32::MAX)
+            }
+        });
+        Self {
+            kind: self.kind,
+            patch_of: patch_of.collect(),
+            len,
+        }
+    }
+
     /// The kind of the patches.
     pub fn kind(&self) -> PatchKind {
         self.kind

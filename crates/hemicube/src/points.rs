@@ -27,6 +27,11 @@
 //! blocked share by T of the whole. The row's error is then less than that change: it is what the coarser of the two
 //! has. Rows that still change keep their last value, and are counted ([`SensorRow::is_settled`]).
 //!
+//! Through mirrors and panes, hemicubes are followed as those of patches are ([`crate::portal`]), and rows are of what
+//! arrives: Σ F − passed + sky + ground + blocked + cut off = 1. What comes through portals is scaled to what the closed
+//! forms of what is seen directly say that they hand on. Images of a cell are added into its patches, and what a
+//! tiling's end takes is cut off.
+//!
 //! A row depends on the scene, the settings and its own sensor: not on others, nor on the number of threads.
 
 mod files;
@@ -41,6 +46,8 @@ use crate::Model;
 use crate::backend::{BackendError, HemicubeBackend, RESOLUTIONS, RenderSettings};
 use crate::driver::compute::ComputeError;
 use crate::frame::{self, Horizon};
+use crate::portal::sensors::Follower;
+use crate::portal::{Images, Portals};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 pub(crate) use kernel::Kernel;
@@ -222,7 +229,8 @@ pub fn first_resolution(tolerance: Option<f64>) -> u32 {
     }
 }
 
-/// A row: Σ `patches` + `sky` + `ground` + `blocked` = 1, within rounding.
+/// A row: Σ `patches` + `sky` + `ground` + `blocked` = 1, within rounding; through portals Σ `patches` − Σ `passed` +
+/// `sky` + `ground` + `blocked` + `cut_off`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SensorRow {
     /// Visible patches, ascending, and their view factors.
@@ -233,6 +241,10 @@ pub struct SensorRow {
     pub ground: f64,
     /// The share on backs of one-sided patches.
     pub blocked: f64,
+    /// What each mirror and pane seen hands on of what arrives there, ascending; empty without any.
+    pub passed: Vec<(InputPatch, f64)>,
+    /// The share that is followed no further: after the last portal, or beyond the last repeat of a period.
+    pub cut_off: f64,
     /// Change by the last refinement: the larger of that of the row, over its Euclidean norm, and of sky, ground and
     /// blocked share. NaN without a tolerance.
     pub change: f64,
@@ -248,14 +260,35 @@ impl SensorRow {
         self.patches.iter().map(|(_, factor)| factor * factor).sum()
     }
 
-    /// ΣF + sky + ground + blocked.
+    /// ΣF − passed + sky + ground + blocked + cut off.
     pub fn sum(&self) -> f64 {
-        self.patches.iter().map(|(_, factor)| factor).sum::<f64>() + self.sky + self.ground + self.blocked
+        let all = |factors: &[(InputPatch, f64)]| factors.iter().map(|(_, factor)| factor).sum::<f64>();
+        all(&self.patches) - all(&self.passed) + self.sky + self.ground + self.blocked + self.cut_off
     }
 
-    /// Mean radiant temperature in kelvin, T⁴ = Σ F_j B_j / σ + sky T_sky⁴ + ground T_ground⁴ + blocked T_backs⁴, of
-    /// radiosities B in W/m², one a patch, and `[sky, ground, backs]` in kelvin. The body's absorptance is its
-    /// emissivity, and cancels.
+    /// Σ of what mirrors and panes hand on of what arrives there.
+    pub fn handed_on(&self) -> f64 {
+        self.passed.iter().fold(0.0, |sum, (_, passed)| sum + passed)
+    }
+
+    /// The row of what stays where it arrives: of black surfaces, mirrors and panes apart, by what they absorb.
+    #[must_use]
+    pub fn kept(&self) -> Self {
+        let mut kept = self.clone();
+        for (patch, passed) in std::mem::take(&mut kept.passed) {
+            if let Ok(at) = kept.patches.binary_search_by_key(&patch, |(patch, _)| *patch) {
+                let factor = &mut kept.patches[at].1;
+                *factor = (*factor - passed).max(0.0);
+            }
+        }
+        kept
+    }
+
+    /// Mean radiant temperature in kelvin, T⁴ (1 − cut off) = Σ F_j B_j / σ + sky T_sky⁴ + ground T_ground⁴ +
+    /// blocked T_backs⁴, of radiosities B in W/m², one a patch, and `[sky, ground, backs]` in kelvin. The body's
+    /// absorptance is its emissivity, and cancels. What is cut off is taken for the mean of the rest. With NaN for backs,
+    /// they are left out, too: T⁴ (1 − cut off − blocked) is what the others add up to. So does `solve`, whose patches
+    /// exchange nothing with backs.
     ///
     /// ```
     /// use hemicube::InputPatch;
@@ -266,6 +299,11 @@ impl SensorRow {
     /// let row = SensorRow { patches: vec![(InputPatch(0), 0.5)], sky: 0.5, ..SensorRow::default() };
     /// let t = row.mean_radiant_temperature(&[STEFAN_BOLTZMANN * 320f64.powi(4)], [260.0, 290.0, 290.0]);
     /// assert!((t.powi(4) - 0.5 * (320f64.powi(4) + 260f64.powi(4))).abs() < 1.0);
+    ///
+    /// // All that is seen at one temperature: so is the body, beside the back of a sheet too.
+    /// let row = SensorRow { patches: vec![(InputPatch(0), 0.7)], blocked: 0.3, ..SensorRow::default() };
+    /// let t = row.mean_radiant_temperature(&[STEFAN_BOLTZMANN * 291f64.powi(4)], [f64::NAN; 3]);
+    /// assert!((t - 291.0).abs() < 1e-9);
     /// ```
     pub fn mean_radiant_temperature(&self, radiosity: &[f64], [sky, ground, backs]: [f64; 3]) -> f64 {
         let of_patch = |&(patch, factor): &(InputPatch, f64)| {
@@ -274,8 +312,14 @@ impl SensorRow {
         let patches: f64 = self.patches.iter().map(of_patch).sum();
         // Nothing is asked of what is not seen: its temperature may be NaN.
         let of = |share: f64, kelvin: f64| if share > 0.0 { share * kelvin.powi(4) } else { 0.0 };
-        let outside = of(self.sky, sky) + of(self.ground, ground) + of(self.blocked, backs);
-        let fourth = patches / crate::solve::STEFAN_BOLTZMANN + outside;
+        let (blocked, left_out) = if backs.is_nan() {
+            (0.0, self.blocked)
+        } else {
+            (of(self.blocked, backs), 0.0)
+        };
+        let outside = of(self.sky, sky) + of(self.ground, ground) + blocked;
+        let seen = 1.0 - self.cut_off.min(0.5) - left_out;
+        let fourth = (patches / crate::solve::STEFAN_BOLTZMANN + outside) / seen;
         // NaN must show.
         if fourth < 0.0 { 0.0 } else { fourth.sqrt().sqrt() }
     }
@@ -343,10 +387,28 @@ impl Level {
     }
 }
 
+/// What is round sensors: the horizon, and the portals that they see through.
+#[derive(Clone, Copy, Debug)]
+pub struct Surroundings<'a> {
+    /// The way up and north.
+    pub horizon: Horizon,
+    /// Mirrors, panes, and images of the cell; with images, the model has them, too ([`Images::model`]).
+    pub portals: Option<&'a Portals>,
+}
+
+impl From<Horizon> for Surroundings<'_> {
+    /// Without portals.
+    fn from(horizon: Horizon) -> Self {
+        Self { horizon, portals: None }
+    }
+}
+
 /// A thread's state.
 struct Worker<'a> {
     model: &'a Model,
     horizon: Horizon,
+    images: Option<&'a Images>,
+    follower: Option<Follower<'a>>,
     levels: &'a [Level],
     sessions: Vec<Option<Box<dyn HemicubeBackend>>>,
     scratch: Scratch,
@@ -425,38 +487,110 @@ impl Worker<'_> {
             .items(&hemicube)
             .map_err(|error| failed(backend.as_ref(), error))?;
         let table = self.levels[level].tables.get(part.kernel);
+        let up = self.horizon.up;
         self.scratch
-            .add(self.model, &items, table, &hemicube, self.horizon.up, sum)
-            .map_err(|error| failed(backend.as_ref(), error))
+            .add(self.model, &items, table, &hemicube, up, sum)
+            .map_err(|error| failed(backend.as_ref(), error))?;
+        if let Some(follower) = &mut self.follower {
+            let Sum { seen, through, .. } = sum;
+            follower.follow((&hemicube, &items), table, up, seen.keys().copied(), through);
+        }
+        Ok(())
     }
 
     /// The row of some parts.
     fn row(&mut self, origin: DVec3, parts: &[Part], sums: &[Sum]) -> SensorRow {
         let mut row = SensorRow::default();
-        let mut patches: Vec<(InputPatch, f64)> = Vec::new();
+        let (mut patches, mut passed) = (Vec::new(), Vec::new());
         for (part, sum) in parts.iter().zip(sums) {
             let seen = self.scratch.factors(self.model, origin, part, sum);
-            patches.extend(
-                seen.patches
-                    .iter()
-                    .map(|&(patch, factor)| (patch, part.weight * factor)),
-            );
-            row.sky += part.weight * seen.sky;
-            row.ground += part.weight * seen.ground;
-            row.blocked += part.weight * seen.blocked;
+            let weight = part.weight;
+            let weighted = |&(patch, factor): &(InputPatch, f64)| (patch, weight * factor);
+            patches.extend(seen.patches.iter().map(weighted));
+            row.sky += weight * seen.sky;
+            row.ground += weight * seen.ground;
+            row.blocked += weight * seen.blocked;
+            if let Some(follower) = &self.follower {
+                add_through(
+                    follower,
+                    (part, sum, &seen.patches),
+                    &mut row,
+                    (&mut patches, &mut passed),
+                );
+            }
         }
-        if parts.len() > 1 {
-            // Stable: factors of one patch are added in the order of the parts.
-            patches.sort_by_key(|(patch, _)| *patch);
-            patches.dedup_by(|next, kept| {
-                let is_same = next.0 == kept.0;
-                kept.1 += if is_same { next.1 } else { 0.0 };
-                is_same
-            });
+        if let Some(images) = self.images {
+            row.cut_off += fold(images, &mut patches);
+            fold(images, &mut passed);
         }
-        row.patches = patches;
+        if parts.len() > 1 || self.images.is_some() || self.follower.is_some() {
+            add_up(&mut patches);
+            add_up(&mut passed);
+        }
+        (row.patches, row.passed) = (patches, passed);
         row
     }
+}
+
+/// Adds what a part of a body sees through portals to a row, scaled to what they hand on of what is seen directly.
+fn add_through(
+    follower: &Follower<'_>,
+    (part, sum, seen): (&Part, &Sum, &[(InputPatch, f64)]),
+    row: &mut SensorRow,
+    (patches, passed): (&mut Vec<(InputPatch, f64)>, &mut Vec<(InputPatch, f64)>),
+) {
+    let through = &sum.through;
+    let mut sent = 0.0;
+    for &(patch, factor) in seen {
+        let of_patch = factor * follower.passed(patch.0, through);
+        if of_patch > 0.0 {
+            sent += of_patch;
+            passed.push((patch, part.weight * of_patch));
+        }
+    }
+    if sent == 0.0 {
+        return;
+    }
+    if through.sent == 0 {
+        // No pixel shows a portal that the closed form sees.
+        row.cut_off += part.weight * sent;
+        return;
+    }
+    let scale = part.weight * sent / through.sent as f64;
+    let share = |weight: u64| scale * weight as f64;
+    for (&patch, &[weight, on]) in &through.patches {
+        patches.push((InputPatch(patch), share(weight)));
+        if on > 0 {
+            passed.push((InputPatch(patch), share(on)));
+        }
+    }
+    row.sky += share(through.sky);
+    row.ground += share(through.ground);
+    row.blocked += share(through.blocked);
+    row.cut_off += share(through.cut_off);
+}
+
+/// Turns patches of images into the cell's. Returns the sum of those that are curtains, which are left out.
+fn fold(images: &Images, factors: &mut Vec<(InputPatch, f64)>) -> f64 {
+    let mut cut_off = 0.0;
+    factors.retain_mut(|(patch, factor)| {
+        let folded = images.fold(patch.0);
+        cut_off += if folded.is_some() { 0.0 } else { *factor };
+        patch.0 = folded.unwrap_or(patch.0);
+        folded.is_some()
+    });
+    cut_off
+}
+
+/// Adds up the factors of equal patches, in their order: ascending patches, once each.
+fn add_up(factors: &mut Vec<(InputPatch, f64)>) {
+    // Stable: factors of one patch are added in the order of the parts.
+    factors.sort_by_key(|(patch, _)| *patch);
+    factors.dedup_by(|next, kept| {
+        let is_same = next.0 == kept.0;
+        kept.1 += if is_same { next.1 } else { 0.0 };
+        is_same
+    });
 }
 
 /// The rows of sensors, [`Body::rows`] each, in order. `keep` turns each row, by its sensor's number, into what is
@@ -466,6 +600,8 @@ impl Worker<'_> {
 ///
 /// # Errors
 /// When the backend hands out no item buffers, or fails, or a normal has no length.
+///
+/// Without portals, a [`Horizon`] is all that is round them.
 ///
 /// ```
 /// use hemicube::frame::Horizon;
@@ -486,10 +622,10 @@ impl Worker<'_> {
 /// assert!((seen - 1.0 / 3.0).abs() < 1e-12 && (row.sky - 1.0 / 3.0).abs() < 1e-9 && (row.sum() - 1.0).abs() < 1e-12);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn rows_of_sensors<R: Send>(
+pub fn rows_of_sensors<'a, R: Send>(
     model: &Model,
     sensors: &[Sensor],
-    horizon: Horizon,
+    surroundings: impl Into<Surroundings<'a>>,
     options: PointOptions,
     sessions: Vec<Box<dyn HemicubeBackend>>,
     keep: &(impl Fn(usize, SensorRow) -> R + Sync),
@@ -514,9 +650,12 @@ pub fn rows_of_sensors<R: Send>(
             message: "rows of sensors without a session of a backend".to_owned(),
         });
     }
+    let Surroundings { horizon, portals } = surroundings.into();
     let worker = || Worker {
         model,
         horizon,
+        images: portals.and_then(|portals| portals.images.as_ref()),
+        follower: portals.and_then(|portals| Follower::new(portals, model)),
         levels: &levels,
         sessions: (0..levels.len()).map(|_| None).collect(),
         scratch: Scratch::new(model),

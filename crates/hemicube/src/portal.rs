@@ -40,6 +40,7 @@ pub mod law;
 mod motion;
 mod pairs;
 mod pass;
+pub(crate) mod sensors;
 pub mod sight;
 pub mod specular;
 mod trace;

@@ -510,7 +510,7 @@ pub fn solve(
     solve_coupled(factors, problem, coupling, options, progress)
 }
 
-/// What a problem of heat has besides.
+/// Nodes and settings that only a problem of heat has.
 #[derive(Clone, Copy, Debug, Default)]
 struct Coupling<'a> {
     nodes: &'a [Node],

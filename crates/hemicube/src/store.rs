@@ -213,11 +213,11 @@ pub struct Part {
     pub rays: Vec<u32>,
     /// Effect of leaving out small form factors, where that was asked for.
     pub thinning: Option<PartThinning>,
-    /// What portals did with each row; empty without portals.
+    /// Passage through portals of each row; empty without portals.
     pub passages: Vec<Passage>,
 }
 
-/// What portals did with a row, as shares of what leaves its patch.
+/// Passage of a row through portals, as shares of what leaves its patch.
 ///
 /// With mirrors and panes, form factors are of what *arrives*: closure is Σ F − passed + escaped + blocked + unselected
 /// = 1, where *unselected* holds what was cut off.

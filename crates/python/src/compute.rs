@@ -125,6 +125,23 @@ fn asked(
     })
 }
 
+/// Rows out of `count`.
+fn row_choice(rows: Option<(u32, u32)>, sample_rows: Option<u32>, seed: u64, count: u32) -> PyResult<RowChoice> {
+    match (rows, sample_rows) {
+        (None, None) => Ok(RowChoice::All),
+        (Some((start, end)), None) if start < end && end <= count => Ok(RowChoice::Range { start, end }),
+        (Some((start, end)), None) => Err(errors::input(format!(
+            "`rows` is ({start}, {end}); the scene has {count} patches, from 0 on"
+        ))),
+        (None, Some(0)) => Err(errors::input("`sample_rows` is 0; 1 or more is needed")),
+        (None, Some(wanted)) => Ok(RowChoice::Sample {
+            count: wanted.min(count),
+            seed,
+        }),
+        (Some(_), Some(_)) => Err(errors::input("`rows` and `sample_rows` exclude each other")),
+    }
+}
+
 impl Request {
     /// The matrix, computed on a thread without the interpreter's lock.
     fn run(&self, scene: &Scene, attendant: &Attendant<'_, Rows>) -> PyResult<Matrix> {
@@ -185,7 +202,7 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<M
 }
 
 /// The exception of a cancelled run; the one that cancelled it takes precedence.
-fn interrupted() -> PyErr {
+pub(crate) fn interrupted() -> PyErr {
     PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
 
@@ -223,9 +240,10 @@ fn interrupted() -> PyErr {
 #[pyo3(signature = (
     scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
     sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), patches=None,
-    min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None, backend_options=None, engine="auto",
-    culling=None, batch=0, threads=0, progress=None, specular=None, specular_bound=None,
-    symmetry=std::collections::BTreeMap::new(), sector=None, periodic=std::collections::BTreeMap::new(), repeats=None
+    min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None,
+    backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None, specular=None,
+    specular_bound=None, symmetry=std::collections::BTreeMap::new(), sector=None,
+    periodic=std::collections::BTreeMap::new(), repeats=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(
@@ -284,21 +302,6 @@ pub(crate) fn compute(
     let grouping = Grouping::new(&scene.input, &scene.patches, kind);
     let count = grouping.as_ref().map_or(scene.patches.len(), Grouping::len);
     let count = u32::try_from(count).unwrap_or(u32::MAX);
-    let choice = match (rows, sample_rows) {
-        (None, None) => RowChoice::All,
-        (Some((start, end)), None) if start < end && end <= count => RowChoice::Range { start, end },
-        (Some((start, end)), None) => {
-            return Err(errors::input(format!(
-                "`rows` is ({start}, {end}); the scene has {count} patches, from 0 on"
-            )));
-        }
-        (None, Some(0)) => return Err(errors::input("`sample_rows` is 0; 1 or more is needed")),
-        (None, Some(wanted)) => RowChoice::Sample {
-            count: wanted.min(count),
-            seed,
-        },
-        (Some(_), Some(_)) => return Err(errors::input("`rows` and `sample_rows` exclude each other")),
-    };
     if let Some(least) = min_factor.filter(|least| !(0.0..1.0).contains(least)) {
         return Err(errors::input(format!(
             "`min_factor` is {least}; a number from 0 up to 1 is needed"
@@ -308,7 +311,7 @@ pub(crate) fn compute(
         portals: Arc::new(portals),
         accuracy: asked(tolerance, correction, resolution, samples)?,
         rotate: rotation,
-        rows: choice,
+        rows: row_choice(rows, sample_rows, seed, count)?,
         emitters,
         receivers,
         occluders,

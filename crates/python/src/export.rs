@@ -113,7 +113,7 @@ impl ForSolver<'_> {
         }
     }
 
-    /// What the rows of the file are.
+    /// Grouping of the file's rows.
     fn rows(&self) -> PyResult<Option<RowsBy>> {
         Ok(match self.by {
             None => None,

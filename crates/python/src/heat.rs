@@ -5,7 +5,7 @@ use crate::errors;
 use crate::matrix::{Matrix, Use};
 use crate::numbers;
 use crate::solve::{KELVIN_MAX, Manner};
-use hemicube::analysis::surfaces::{HeatBalance, SurfaceHeat, heat_by_surface};
+use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface};
 use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::{
     Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables, Temperature,
@@ -116,13 +116,20 @@ impl Use<PyResult<(HeatSolution, Undetermined)>> for Solving<'_, '_> {
     }
 }
 
+/// Temperatures outside the scene, in kelvin.
+pub(crate) struct Surroundings {
+    pub(crate) ambient: f64,
+    /// The ground's, and the shares of rows that meet it.
+    pub(crate) ground: Option<(f64, Vec<f64>)>,
+}
+
 /// Solves the exchange of heat between surfaces with `given` properties; the solution and the irradiance from outside.
 /// Temperatures that nothing determines are NaN, with a warning.
 pub(crate) fn solve(
     py: Python<'_>,
     matrix: &Matrix,
     given: &Bound<'_, PyAny>,
-    (ambient, ground): (f64, Option<(f64, Vec<f64>)>),
+    surroundings: Surroundings,
     manner: Manner<'_, '_>,
 ) -> PyResult<(HeatSolution, Option<Vec<f64>>)> {
     let (table, rows) = (matrix.patches()?, matrix.exchange_table()?);
@@ -130,7 +137,8 @@ pub(crate) fn solve(
     let thermal = properties.thermal().map_err(wrong)?;
     let heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, &rows);
     let mut heat = heat.map_err(|error| errors::solving(&error))?;
-    match &ground {
+    let ambient = surroundings.ambient;
+    match &surroundings.ground {
         None => heat.surround(&[(ambient, &rows.escaped)]),
         Some((ground, below)) => {
             // Shares of a sky of its own resolution may exceed what escapes by the matrix.
@@ -204,7 +212,11 @@ pub(crate) fn by_surface(
         )));
     }
     let (table, rows) = (matrix.patches()?, matrix.exchange_table()?);
-    let of = (&table, &rows, matrix.group_names());
+    let of = MatrixTables {
+        patches: &table,
+        rows: &rows,
+        names: matrix.group_names(),
+    };
     let (surfaces, balance) = heat_by_surface(of, by, solved, outside, temperature);
     Ok(HeatBySurface { surfaces, balance })
 }

@@ -879,8 +879,8 @@ impl Matrix {
     /// 'material'; by default as the solver counts) says what its rows are, `order` names all of them in the solver's
     /// order, `zone` is EnergyPlus's, and `program_version` the solver's where its files tell it. The size is then of
     /// all files together.
-    #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false, format=None,
-                        by=None, order=None, zone=None, program_version=None))]
+    #[pyo3(signature = (path, *, patches=false, scene=None, values=None, show=None, up=None, overwrite=false,
+                        format=None, by=None, order=None, zone=None, program_version=None))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn export(
         &self,

@@ -14,8 +14,8 @@ pub(crate) fn require_few(patches: usize) -> PyResult<()> {
         return Ok(());
     }
     Err(errors::input(format!(
-        "a data frame has a number for each of {patches}² pairs, and up to {PATCHES_MAX}² are made: `to_scipy()` has the \
-         entries alone, and `zones()` adds them up"
+        "a data frame has a number for each of {patches}² pairs, and up to {PATCHES_MAX}² are made: `to_scipy()` has \
+         the entries alone, and `zones()` adds them up"
     )))
 }
 

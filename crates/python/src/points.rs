@@ -1,15 +1,16 @@
 //! `hemicube.points`: rows of sensors.
 
 use crate::attended::attended;
+use crate::compute::interrupted;
 use crate::scene::Scene;
 use crate::session::BackendChoice;
-use crate::sky::{interrupted, pairs, warn_of_places};
+use crate::sky::{pairs, warn_of_places};
 use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
-use crate::{compute, errors, numbers};
+use crate::{compute, errors, numbers, portals};
 use glam::DVec3;
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::frame::Horizon;
-use hemicube::points::{Body, PointOptions, Sensor, SensorRow, first_resolution, rows_of_sensors};
+use hemicube::points::{Body, PointOptions, Sensor, SensorRow, Surroundings, first_resolution, rows_of_sensors};
 use hemicube::sky::SensorPoint;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -42,8 +43,21 @@ impl Points {
         PyArray1::from_vec(py, self.rows.iter().map(|row| row.is_settled).collect())
     }
 
+    /// What mirrors and panes hand on of what arrives at them, of each row; 0 without any.
+    #[getter]
+    fn passed<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.rows.iter().map(SensorRow::handed_on).collect())
+    }
+
+    /// Share of each row that is followed no further: after the last portal, or beyond the last repeat; 0 without
+    /// portals.
+    #[getter]
+    fn cut_off<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.rows.iter().map(|row| row.cut_off).collect())
+    }
+
     /// View factors to each patch: a `scipy.sparse.csr_matrix`. Its row sums, `sky`, `ground` and `blocked` add up to
-    /// 1.
+    /// 1; through portals with `cut_off`, less `passed`.
     fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let rows = (self.rows.iter()).map(|row| row.patches.iter().map(|&(patch, factor)| (patch.0, factor)));
         csr(py, rows, self.scene.get().patches.len())
@@ -95,7 +109,8 @@ impl Points {
     }
 
     /// Mean radiant temperature of each row in kelvin, by the radiosity of each patch in W/m² (`solve_heat`'s) and the
-    /// temperatures of sky, ground and backs in kelvin; `ground` and `backs` are the sky's where they are not given.
+    /// temperatures of sky, ground and backs in kelvin; the ground's is the sky's where it is not given, and backs are
+    /// left out.
     #[pyo3(signature = (radiosity, *, sky, ground=None, backs=None))]
     fn mean_radiant_temperature<'py>(
         &self,
@@ -106,8 +121,8 @@ impl Points {
         backs: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let radiosity = numbers::vector(radiosity, "radiosity", self.scene.get().patches.len())?;
-        let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(sky)];
-        if let Some(wrong) = outside.iter().find(|kelvin| !(0.0..=1e6).contains(*kelvin)) {
+        let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(f64::NAN)];
+        if let Some(wrong) = [Some(sky), ground, backs].iter().flatten().find(|kelvin| !(0.0..=1e6).contains(*kelvin)) {
             return Err(errors::input(format!(
                 "a temperature is {wrong}; kelvin from 0 on are needed"
             )));
@@ -141,10 +156,14 @@ fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
 /// (six rows a point), 'person' (standing, six weighted sides) or 'cylinder' (upright); by default a plane with normals
 /// and a sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by
 /// no more than this share. `progress(done, total)` is called with numbers of points some times a second.
+///
+/// `specular`, `specular_bound`, `symmetry`, `sector`, `periodic` and `repeats` are `compute`'s: points see through
+/// mirrors, panes and images of a cell, and rows are of what arrives. `Points.passed` and `.cut_off` tell of it.
 #[pyfunction]
 #[pyo3(signature = (
     scene, positions, *, normals=None, body=None, up=None, tolerance=None, resolution=None, backend="cpu",
-    backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None
+    backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None, specular=None,
+    specular_bound=None, symmetry=BTreeMap::new(), sector=None, periodic=BTreeMap::new(), repeats=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn points(
@@ -162,6 +181,12 @@ pub(crate) fn points(
     engine: &str,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
+    specular: Option<&Bound<'_, PyAny>>,
+    specular_bound: Option<f64>,
+    symmetry: BTreeMap<String, f64>,
+    sector: Option<(String, u32)>,
+    periodic: BTreeMap<String, (f64, f64)>,
+    repeats: Option<u32>,
 ) -> PyResult<Py<Points>> {
     let given = scene;
     let scene = scene.get();
@@ -177,7 +202,27 @@ pub(crate) fn points(
         tolerance,
         threads,
     };
+    let asked = portals::Asked {
+        specular,
+        specular_bound,
+        symmetry,
+        sector,
+        periodic,
+        repeats,
+        tolerance,
+    };
+    let (portals, with_images) = asked.portals(scene)?;
+    let model = with_images.as_ref().unwrap_or(&scene.model);
     let sensors = sensors(positions, normals, body)?;
+    let is_outside = |sensor: &Sensor| {
+        portals
+            .images
+            .as_ref()
+            .is_some_and(|images| !images.holds(sensor.position))
+    };
+    if let Some(point) = sensors.iter().position(is_outside) {
+        return Err(errors::input(format!("point {point} lies outside the period")));
+    }
     let looks: Vec<SensorPoint> = sensors
         .iter()
         .map(|sensor| SensorPoint {
@@ -194,10 +239,14 @@ pub(crate) fn points(
         for _ in options.resolutions() {
             sessions.push(require_items(backend.open()?, "points are computed")?);
         }
-        rows_of_sensors(
-            &scene.model,
-            &sensors,
+        let surroundings = Surroundings {
             horizon,
+            portals: Some(&portals),
+        };
+        rows_of_sensors(
+            model,
+            &sensors,
+            surroundings,
             options,
             sessions,
             &|_, row| row,

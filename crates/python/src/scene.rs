@@ -299,7 +299,7 @@ impl Scene {
         Self::ready(py, scene, PathBuf::from("arrays"), settings)
     }
 
-    /// The scene in a file, whose extension names its format:
+    /// The scene in a file, whose extension names its format, or in all such files of a folder:
     #[doc = hemicube_scene::scene_formats!()]
     ///
     /// `scale` multiplies its coordinates; `two_sided` makes every triangle two patches (True) or one (False), by

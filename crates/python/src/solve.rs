@@ -407,7 +407,8 @@ pub(crate) fn solve_heat(
     match (properties, emissivity, temperature) {
         (Some(properties), None, None) => {
             let ground = heat::ground(matrix.get(), ground, below_horizon)?;
-            heat_of_properties(py, matrix.get(), properties, (ambient, ground), manner(false)?)
+            let surroundings = heat::Surroundings { ambient, ground };
+            heat_of_properties(py, matrix.get(), properties, surroundings, manner(false)?)
         }
         (None, ..) if ground.is_some() || below_horizon.is_some() => {
             Err(errors::input("`ground` and `below_horizon` are for `properties`"))
@@ -427,7 +428,7 @@ fn heat_of_properties(
     py: Python<'_>,
     matrix: &Matrix,
     properties: &Bound<'_, PyAny>,
-    surroundings: (f64, Option<(f64, Vec<f64>)>),
+    surroundings: heat::Surroundings,
     manner: Manner<'_, '_>,
 ) -> PyResult<Solution> {
     let (found, outside) = heat::solve(py, matrix, properties, surroundings, manner)?;

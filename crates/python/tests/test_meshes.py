@@ -192,3 +192,12 @@ def test_trimesh_brings_meshes_and_scenes() -> None:
     assert nodes.objects == ["a", "b"] and len(nodes) == 24
     middles = np.array([[9.0, 0, 0], [0, 0, 0]])[nodes.object]
     assert (np.einsum("ij,ij->i", nodes.normals, nodes.centroids - middles) > 0).all()
+
+
+def test_a_folder_is_one_scene(tmp_path: pathlib.Path) -> None:
+    floor = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n"
+    (tmp_path / "floor.obj").write_text(floor)
+    (tmp_path / "lamp.obj").write_text("v 0 0 1\nv 0 1 1\nv 1 1 1\nf 1 2 3\n")
+    scene = hemicube.Scene.load(tmp_path, up="z")
+    assert list(scene.objects) == ["floor", "lamp"]
+    assert len(scene) == 3

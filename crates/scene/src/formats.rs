@@ -175,10 +175,13 @@ fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
     })
 }
 
-/// Reads the scene in `path`.
+/// Reads the scene in `path`: a file, or a folder, all scene files of which are one scene ([`files`](crate::files)).
+///
+/// A folder's objects have the name of their file, `FILE`, or `FILE/OBJECT` where the file has several. Materials of one
+/// name are one material.
 ///
 /// # Errors
-/// When the file cannot be read, its extension names no known format, the format's reader is not compiled in, or the
+/// When a folder is refused ([`files`](crate::files)), or its files prescribe different axes up or units; when a file cannot be read, its extension names no known format, the format's reader is not compiled in, or the
 /// reader refuses it. The error names the file and, for text formats, the line.
 ///
 /// ```
@@ -197,6 +200,9 @@ fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
+    if path.is_dir() {
+        return crate::folder::load(path, options);
+    }
     let format = Format::from_path(path).ok_or_else(|| {
         Error::unsupported(format!(
             "the extension names no scene format; {} are read",

@@ -17,6 +17,7 @@ mod cursor;
 mod error;
 #[cfg(feature = "_polygons")]
 pub mod faces;
+mod folder;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
@@ -45,6 +46,7 @@ pub mod up;
 pub mod write;
 
 pub use error::{Error, ErrorKind};
+pub use folder::files;
 pub use formats::*;
 pub use patch::{InputPatch, Patches, Side};
 pub use regular::{open_regular, read_regular, read_regular_text};
@@ -84,10 +86,10 @@ pub struct Material {
 
 /// A mirror or a pane, as files for pictures give it. Red, green and blue, from 0 to 1.
 ///
-/// | file | mirror | pane |
-/// |---|---|---|
-/// | MTL | `illum` 3, 8: ρs = `Ks`; 5: by Fresnel with `Ni`, or `Ks` | `illum` 4, 6, 9: τ = 1 − `d`, ρs = `Ks`, at most `d`; 7: by Fresnel with `Ni`, the glass letting through 1 − `d` |
-/// | glTF | metallic 1, roughness 0: ρs = base colour | `KHR_materials_transmission`, roughness 0: by Fresnel with `ior` (1.5), the glass letting through the factor times the base colour |
+/// - MTL, mirrors: `illum` 3, 8: ρs = `Ks`; 5: by Fresnel with `Ni`, or `Ks`. Panes: `illum` 4, 6, 9: τ = 1 − `d`,
+///   ρs = `Ks`, at most `d`; 7: by Fresnel with `Ni`, the glass letting through 1 − `d`.
+/// - glTF, mirrors: metallic 1, roughness 0: ρs = base colour. Panes: `KHR_materials_transmission`, roughness 0: by
+///   Fresnel with `ior` (1.5), the glass letting through the factor times the base colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gloss {
     /// Specular reflectance; of no meaning with an index.

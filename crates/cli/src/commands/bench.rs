@@ -87,7 +87,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "TEXT")]
     label: Option<String>,
     /// The pictures' format
-    #[arg(long, value_name = "svg|png", default_value = "svg", hide_possible_values = true)]
+    #[arg(long, value_name = "svg|png", default_value = "svg")]
     pictures: Pictures,
 }
 

@@ -43,12 +43,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) materials: Option<PathBuf>,
     /// What a surface is: patches of one name, faces of the scene's file, or each patch
-    #[arg(
-        long,
-        value_name = "object|material|face|patch",
-        default_value = "object",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "object|material|face|patch", default_value = "object")]
     pub(crate) by: By,
     /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable)
     #[arg(short, long, value_name = "FILE")]

@@ -129,7 +129,7 @@ pub(crate) struct Arguments {
     /// What the first and the last colour stand for [default: the least and the greatest value]
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true, help_heading = "Patches")]
     range: Option<[f64; 2]>,
-    #[arg(long, value_name = "x|y|z", hide_possible_values = true, help_heading = "Patches", help = format!(
+    #[arg(long, value_name = "x|y|z", help_heading = "Patches", help = format!(
         "The axis that points up, for {}, where that is y [default: the scene's, or as `inspect` finds it]",
         patch_extensions(PatchFormat::is_upright, " and "),
     ))]

@@ -9,6 +9,7 @@ use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk
 use crate::exit::{self, Exit, hinted};
 use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
+use crate::portals::PortalSettings;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
 use crate::report::{Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent};
@@ -20,12 +21,14 @@ use hemicube::backend::{Culling, RenderSettings};
 use hemicube::diagnose::Place;
 use hemicube::driver::room::Work;
 use hemicube::frame::Horizon;
-use hemicube::points::{Body, PointOptions, Sensor, SensorRow, first_resolution, rows_of_sensors};
+use hemicube::points::{Body, PointOptions, Sensor, SensorRow, Surroundings, first_resolution, rows_of_sensors};
+use hemicube::portal::Portals;
 use hemicube::reference::PointReference;
 use output::{Groups, Kept, Written};
 use sensors::{Sensors, Source};
 use serde::Serialize;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -38,6 +41,7 @@ const EXAMPLES: &str = "  \
   hemicube points city.obj --points people.txt --as person -o people.csv
   hemicube points city.obj --grid 1.0 --height 1.5 --tolerance 1% -o sky.png -o sky.npz
   hemicube points room.obj --grid 0.5 --on \"floor*\" -o floor.csv
+  hemicube points street.obj --grid 1 --height 1.5 --periodic y=0..100 --specular glass.toml -o street.csv
   hemicube points room.obj --points seats.csv --as cylinder --solution room.hemicube -o comfort.csv";
 
 /// What sensors see of patches, objects, the sky and the ground: rows of points alone
@@ -70,7 +74,6 @@ pub(crate) struct Arguments {
     #[arg(
         long = "as",
         value_name = "plane|sphere|cube|person|cylinder",
-        hide_possible_values = true,
         help_heading = "Points"
     )]
     pub(crate) body: Option<BodyName>,
@@ -79,7 +82,8 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR[:NAME]",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"],
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates",
+            "specular", "symmetry", "sector", "periodic"],
         help_heading = "Heat"
     )]
     pub(crate) solution: Option<PathBuf>,
@@ -110,17 +114,14 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// Columns of .csv and .json
-    #[arg(
-        long,
-        value_name = "object|material|patch",
-        default_value = "object",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "object|material|patch", default_value = "object")]
     pub(crate) by: By,
     /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt where there is one,
     /// else sky]
     #[arg(long, value_name = "COLUMN")]
     pub(crate) column: Option<String>,
+    #[command(flatten)]
+    pub(crate) portals: PortalSettings,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
     #[command(flatten)]
@@ -137,6 +138,7 @@ impl Arguments {
             .reads([&self.scene])
             .reads(&self.points)
             .reads(&self.temperatures)
+            .reads(&self.portals.file())
             .store(&store)
             .writes("-o", &self.output, self.overwrite)
             .reports(&self.report)
@@ -227,6 +229,8 @@ struct Report {
     ground: f64,
     blocked: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
+    cut_off: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     mean_radiant_temperature: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     verified: Option<Verified>,
@@ -241,7 +245,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let listed = arguments.points.as_deref().map(sensors::read).transpose()?;
     let store = arguments.solution.as_deref().map(heat::open).transpose()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-    let prepared = match &store {
+    let mut prepared = match &store {
         Some((store, _)) => stored::scene(
             store,
             &arguments.scene,
@@ -250,6 +254,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
+    let hierarchy = arguments.engine.hierarchy();
+    let portals = match &store {
+        Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
+        None => arguments
+            .portals
+            .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
+    };
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
@@ -260,6 +271,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         None => Source::Grid(grid::grid(arguments, &prepared, &horizon)?),
     };
     let sensors = Sensors::new(arguments, source, &prepared, &horizon)?;
+    sensors.require_within(&portals)?;
     sensors.tell(arguments, talk);
     let heat = match (&store, &arguments.temperatures) {
         (Some((store, solution)), _) => Some(Heat::new(arguments, store, solution, &prepared)?),
@@ -272,6 +284,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         arguments,
         prepared: &prepared,
         horizon,
+        portals: Arc::new(portals),
         sensors: &sensors,
         groups: &groups,
         heat: heat.as_ref(),
@@ -292,6 +305,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         sensors: &sensors,
         groups: &groups,
         rows: &rows,
+        has_portals: !task.portals.is_empty(),
     };
     for path in &arguments.output {
         written.write(path)?;
@@ -319,6 +333,7 @@ struct Task<'a> {
     arguments: &'a Arguments,
     prepared: &'a Prepared,
     horizon: Horizon,
+    portals: Arc<Portals>,
     sensors: &'a Sensors,
     groups: &'a Groups,
     heat: Option<&'a Heat>,
@@ -365,10 +380,14 @@ impl Task<'_> {
             let keeps = keeps_patches || verified.binary_search(&sensor).is_ok();
             Kept::new(sensor, row, self.groups, self.heat, keeps)
         };
+        let surroundings = Surroundings {
+            horizon: self.horizon,
+            portals: Some(&self.portals),
+        };
         let found = rows_of_sensors(
             &self.prepared.model,
             &self.sensors.items,
-            self.horizon,
+            surroundings,
             options,
             sessions,
             &keep,
@@ -395,6 +414,7 @@ impl Task<'_> {
         }
         let sensors: Vec<Sensor> = places.iter().map(|&place| self.sensors.items[place]).collect();
         let reference = PointReference::new(&self.prepared.model, self.horizon, REFERENCE_PIECE)?;
+        let reference = reference.with_portals(&self.portals);
         let threads = self.arguments.engine.thread_count();
         let found = reference.rows(&sensors, threads, &mut |_| !cancel.load(Ordering::SeqCst))?;
         let Some(found) = found else { return Ok(None) };
@@ -467,6 +487,7 @@ impl Task<'_> {
             sky: self.mean(rows, |row| row.row.sky),
             ground: self.mean(rows, |row| row.row.ground),
             blocked: self.mean(rows, |row| row.row.blocked),
+            cut_off: (!self.portals.is_empty()).then(|| self.mean(rows, |row| row.row.cut_off)),
             mean_radiant_temperature: self.heat.map(|_| self.mean(rows, |row| row.temperature)),
             verified,
             seconds: (!self.arguments.report.no_timings).then_some(seconds),
@@ -520,6 +541,17 @@ impl Task<'_> {
                 self.mean(rows, |row| row.row.blocked)
             ),
         );
+        if !self.portals.is_empty() {
+            let most = rows.iter().map(|row| row.row.cut_off).fold(0.0, f64::max);
+            list.add(
+                "cut off",
+                format!(
+                    "{} after the last portal followed, {} of a row at most",
+                    percent(self.mean(rows, |row| row.row.cut_off)),
+                    percent(most)
+                ),
+            );
+        }
         if self.heat.is_some() {
             let of = |fold: fn(f64, f64) -> f64, start: f64| rows.iter().map(|row| row.temperature).fold(start, fold);
             list.add(

@@ -82,7 +82,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME")]
     pub(crate) solution: Vec<String>,
     /// The axis that points up [default: the scene's, or as `inspect` finds it]
-    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
+    #[arg(long, value_name = "x|y|z")]
     pub(crate) up: Option<UpAxis>,
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
     #[arg(long, hide_short_help = true)]

@@ -17,8 +17,8 @@ use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
 use hemicube::driver::room::Work;
-use hemicube::portal::Specular;
 use hemicube::portal::specular::SpecularRecord;
+use hemicube::portal::{Images, Specular};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
     Glazed, Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along, rows_of_points,
@@ -27,7 +27,9 @@ use hemicube::sky::{
 use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
 use hemicube::{Grouping, InputPatch};
 use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
+use hemicube_spatial::whole;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -315,13 +317,7 @@ fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
             if prepared.grouping.is_some() {
                 // Sums of weights are of elements alike; rows are of elements by their areas.
                 let whole = f64::from(hemicubes) * f64::from(WHOLE);
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a share of a whole"
-                )]
-                let weight = (shares.blocked * whole) as u64;
-                found.blocked[patch as usize] = weight;
+                found.blocked[patch as usize] = whole::to_u64(shares.blocked * whole);
             }
         }
     }
@@ -356,7 +352,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     require_places(arguments, output.as_deref())?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
-    let prepared = prepare_scene(arguments, store.as_ref())?;
+    let mut prepared = prepare_scene(arguments, store.as_ref())?;
+    let images = match &store {
+        Some(store) => stored::portals(store, &mut prepared, arguments.engine.hierarchy())?.images,
+        None => None,
+    };
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
@@ -376,6 +376,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         suns: suns.items,
         matrix,
         specular,
+        images,
     };
     // Files of two runs side by side would claim to belong together.
     let _lock = output.as_deref().map(taken).transpose()?;
@@ -527,6 +528,8 @@ struct Task<'a> {
     suns: Vec<DVec3>,
     matrix: Option<OfMatrix>,
     specular: Option<Specular>,
+    /// The matrix's: the model has them, too.
+    images: Option<Images>,
 }
 
 impl Task<'_> {
@@ -604,6 +607,7 @@ impl Task<'_> {
             division: &self.division,
             horizon: self.horizon,
             specular,
+            images: self.images.as_ref(),
         })
     }
 
@@ -635,7 +639,7 @@ impl Task<'_> {
         let sessions = (0..LEVELS)
             .map(|_| self.arguments.engine.open_backend(Talk::SILENT))
             .collect::<Result<_>>()?;
-        Ok(rows_of_points(
+        let found = rows_of_points(
             &self.prepared.model,
             &self.points,
             &self.division,
@@ -643,7 +647,12 @@ impl Task<'_> {
             self.options,
             sessions,
             &mut |_| !cancel.load(Ordering::SeqCst),
-        )?)
+        )?;
+        let fold = |row: PointRow| match &self.images {
+            Some(images) => folded(row, images),
+            None => row,
+        };
+        Ok(found.map(|rows| rows.into_iter().map(fold).collect()))
     }
 
     /// Writes the directory's files.
@@ -884,6 +893,21 @@ fn require_items(backend: &dyn HemicubeBackend) -> Result<()> {
         ),
         "`--backend cpu` does",
     ))
+}
+
+/// Adds the patches of images into the cell's; what goes beyond the last of them is seen of no patch.
+fn folded(row: PointRow, images: &Images) -> PointRow {
+    let mut patches: BTreeMap<u32, u64> = BTreeMap::new();
+    for (patch, weight) in row.patches {
+        if let Some(patch) = images.fold(patch.0) {
+            *patches.entry(patch).or_default() += weight;
+        }
+    }
+    let patches = patches.into_iter().map(|(patch, weight)| (InputPatch(patch), weight));
+    PointRow {
+        patches: patches.collect(),
+        sky: row.sky,
+    }
 }
 
 /// The share of each patch lit by each sun: 0 for patches turned away, and for suns below the horizon.

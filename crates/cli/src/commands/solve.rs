@@ -22,6 +22,7 @@ use hemicube::solve::{
     SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -95,12 +96,7 @@ pub(crate) struct Arguments {
     )]
     pub(crate) emission: Option<PathBuf>,
     /// How the system is solved
-    #[arg(
-        long,
-        value_name = "gmres|gauss-seidel|jacobi",
-        default_value = "gmres",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "gmres|gauss-seidel|jacobi", default_value = "gmres")]
     pub(crate) method: MethodName,
     /// GMRES begins anew after N iterations
     #[arg(
@@ -127,21 +123,11 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// Show heat, flux and temperature by surface [default with `--surfaces`: object; with `--network`: its own]
-    #[arg(
-        long,
-        value_name = "object|material|face",
-        requires = "thermal",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "object|material|face", requires = "thermal")]
     pub(crate) by: Option<surfaces::By>,
     /// Solve for surfaces instead of patches, as textbooks do: each object, material or face has one radiosity, one
     /// temperature, and form factors as a whole
-    #[arg(
-        long,
-        value_name = "object|material|face",
-        requires = "thermal",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "object|material|face", requires = "thermal")]
     pub(crate) network: Option<surfaces::By>,
     /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
     #[arg(long, value_name = "FILE", requires = "thermal")]
@@ -161,12 +147,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", requires = "scene")]
     pub(crate) picture: Option<PathBuf>,
     /// What colours the picture [default: radiosity; with `--thermal`: flux]
-    #[arg(
-        long,
-        value_name = "radiosity|irradiance|flux|temperature",
-        requires = "picture",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "radiosity|irradiance|flux|temperature", requires = "picture")]
     pub(crate) show: Option<Shown>,
     #[command(flatten)]
     pub(crate) camera: Camera,
@@ -240,25 +221,9 @@ fn tolerance(text: &str) -> Result<f64, String> {
 
 /// `500MB`, `2GB`, or bytes.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
-    let text = text.trim();
-    let (digits, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
-    let unit = match unit.to_ascii_uppercase().as_str() {
-        "" | "B" => 1.0,
-        "K" | "KB" => 1e3,
-        "M" | "MB" => 1e6,
-        "G" | "GB" => 1e9,
-        "T" | "TB" => 1e12,
-        _ => return Err("a size such as `500MB` or `2GB` is needed".to_owned()),
-    };
-    match digits.trim().parse::<f64>() {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "saturation is wanted"
-        )]
-        Ok(number) if number >= 0.0 && number.is_finite() => Ok((number * unit) as u64),
-        _ => Err("a size such as `500MB` or `2GB` is needed".to_owned()),
-    }
+    let size = crate::args::size(text).filter(|size| *size >= 0.0 && size.is_finite());
+    let needed = || "a size such as `500MB` or `2GB` is needed".to_owned();
+    size.map(whole::to_u64).ok_or_else(needed)
 }
 
 /// Materials of the solution, in its report and in `--json`.
@@ -630,8 +595,8 @@ impl<'a> Task<'a> {
             talk.warn(note);
         }
         if arguments.thermal {
-            let exchange = heat::Exchange::new(arguments, store, (table, row_table), &properties)?;
-            exchange.question(arguments, (table, row_table), talk);
+            let exchange = heat::Exchange::new(arguments, store, table, row_table, &properties)?;
+            exchange.question(arguments, table, row_table, talk);
             return Ok(Self {
                 bands: vec!["total".to_owned()],
                 rows: 1,

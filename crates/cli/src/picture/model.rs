@@ -14,6 +14,7 @@ use hemicube::portal::Specular;
 use hemicube::portal::sight::ThroughPortals;
 use hemicube::solve::StoredSolution;
 use hemicube_scene::Axis;
+use hemicube_spatial::whole;
 use std::collections::HashMap;
 use std::path::Path;
 use std::str::FromStr;
@@ -45,7 +46,7 @@ pub(crate) struct Camera {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub(crate) look_at: Option<Point>,
     /// The axis that points up in the picture [default: the scene's, or as `inspect` finds it]
-    #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
+    #[arg(long, value_name = "x|y|z")]
     pub(crate) up: Option<UpAxis>,
     /// Angle of view from the lower to the upper edge, in degrees
     #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = field_of_view)]
@@ -54,12 +55,7 @@ pub(crate) struct Camera {
     #[arg(long, value_name = "WxH", default_value = "800x600")]
     pub(crate) size: Size,
     /// smooth: interpolated between the corners of patches; flat: one colour a patch
-    #[arg(
-        long,
-        value_name = "smooth|flat",
-        default_value = "smooth",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "smooth|flat", default_value = "smooth")]
     pub(crate) shading: Shading,
     /// Brighter (1: twice) or darker (-1: half)
     #[arg(long, value_name = "STOPS", default_value = "0", allow_hyphen_values = true)]
@@ -395,11 +391,11 @@ struct Shot<'a> {
     camera: &'a Camera,
     lens: Lens,
     seen: Vec<Seen>,
-    /// What is seen in mirrors and through panes, and its share, by sample.
+    /// Patches seen in mirrors and through panes, and their shares, by sample.
     through: HashMap<usize, Vec<(Seen, f64)>>,
 }
 
-/// What samples that show a mirror or a pane see behind it.
+/// Views of samples that show a mirror or a pane behind it.
 fn behind(prepared: &Prepared, specular: &Specular, lens: &Lens, seen: &[Seen]) -> HashMap<usize, Vec<(Seen, f64)>> {
     let mut through = ThroughPortals::new(specular, None, &prepared.model);
     let mut found = HashMap::new();
@@ -563,22 +559,12 @@ fn draw_histogram(canvas: &mut Canvas, area: Rect, scaled: &[[f64; 1]]) -> u64 {
     let count = area.width / BAR;
     let mut bins = vec![0u64; count];
     for [value] in scaled.iter().filter(|[value]| !value.is_nan()) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "from 0 to the number of bars"
-        )]
-        let bin = ((value * count as f64) as usize).min(count - 1);
+        let bin = whole::to_usize(value * count as f64).min(count - 1);
         bins[bin] += 1;
     }
     let most = bins.iter().copied().max().unwrap_or(0);
     for (bin, &patches) in bins.iter().enumerate().filter(|(_, patches)| **patches > 0) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "from 0 to the height"
-        )]
-        let tall = ((area.height as f64 * patches as f64 / most as f64) as usize).max(1);
+        let tall = whole::to_usize(area.height as f64 * patches as f64 / most as f64).max(1);
         let color = scale_color((bin as f64 + 0.5) / count as f64);
         let bar = Rect {
             x: area.x + bin * BAR,

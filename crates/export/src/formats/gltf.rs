@@ -143,6 +143,33 @@ impl Objects {
     }
 }
 
+/// The object of each patch, and the names of objects.
+fn objects_of(results: &PatchResults) -> (impl Fn(u32) -> u32, &[String]) {
+    let (objects, names): (&[u32], &[String]) = match results.column("object").map(|column| &column.values) {
+        Some(Values::Named(objects, names)) => (objects, names),
+        _ => (&[], &[]),
+    };
+    (
+        move |patch: u32| objects.get(patch as usize).copied().unwrap_or(0),
+        names,
+    )
+}
+
+/// Positions, colours and numbers of patches, from `starts` of the buffer on.
+fn buffer_views(count: usize, starts: &[usize]) -> Vec<Value> {
+    (0..3)
+        .map(|view: usize| {
+            json!({
+                "buffer": 0,
+                "byteOffset": starts[view],
+                "byteLength": 3 * count * STRIDES[view],
+                "byteStride": STRIDES[view],
+                "target": ARRAY_BUFFER,
+            })
+        })
+        .collect()
+}
+
 impl Layout {
     /// Lays a file out. The error says what is too large.
     fn new(
@@ -156,11 +183,7 @@ impl Layout {
         if count >= PATCHES_MAX || u32::try_from(size + (1 << 28)).is_err() {
             return Err("a glTF file has room for some 16 million patches; `.vtp` has room for more");
         }
-        let (objects, names): (&[u32], &[String]) = match results.column("object").map(|column| &column.values) {
-            Some(Values::Named(objects, names)) => (objects, names),
-            _ => (&[], &[]),
-        };
-        let object_of = |patch: u32| objects.get(patch as usize).copied().unwrap_or(0);
+        let (object_of, names) = objects_of(results);
         #[allow(clippy::cast_possible_truncation, reason = "fewer than 2²⁴, see above")]
         let mut patches: Vec<u32> = (0..count as u32).collect();
         patches.sort_by_key(|&patch| object_of(patch));
@@ -209,17 +232,7 @@ impl Layout {
                 "children": children,
             }),
         );
-        let views: Vec<Value> = (0..3)
-            .map(|view: usize| {
-                json!({
-                    "buffer": 0,
-                    "byteOffset": starts[view],
-                    "byteLength": 3 * count * STRIDES[view],
-                    "byteStride": STRIDES[view],
-                    "target": ARRAY_BUFFER,
-                })
-            })
-            .collect();
+        let views = buffer_views(count, &starts);
         let file = json!({
             "asset": {
                 "version": "2.0",

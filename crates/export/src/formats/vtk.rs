@@ -117,6 +117,29 @@ fn write_vtk(results: &PatchResults, path: &Path, options: WriteOptions<'_>, pol
     })
 }
 
+/// Writes the names of each column of names.
+fn write_names(results: &PatchResults, out: &mut impl Write) -> io::Result<()> {
+    for column in &results.columns {
+        if let Values::Named(_, names) = &column.values {
+            // Strings are written as the codes of their bytes, each ended by a zero.
+            writeln!(
+                out,
+                "<Array type=\"String\" Name=\"{}_names\" NumberOfTuples=\"{}\" format=\"ascii\">",
+                escaped(&column.name),
+                names.len()
+            )?;
+            for name in names {
+                for byte in name.bytes() {
+                    write!(out, "{byte} ")?;
+                }
+                writeln!(out, "0")?;
+            }
+            writeln!(out, "</Array>")?;
+        }
+    }
+    Ok(())
+}
+
 fn write(results: &PatchResults, corners: &[[[f64; 3]; 3]], polygons: bool, out: &mut impl Write) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let (points, used) = weld(corners);
@@ -165,23 +188,8 @@ fn write(results: &PatchResults, corners: &[[[f64; 3]; 3]], polygons: bool, out:
         // Two hyphens end a comment.
         escaped(&results.scene).replace('-', "\u{2010}"),
     )?;
-    for column in &results.columns {
-        if let (Values::Named(_, names), true) = (&column.values, polygons) {
-            // Strings are written as the codes of their bytes, each ended by a zero.
-            writeln!(
-                out,
-                "<Array type=\"String\" Name=\"{}_names\" NumberOfTuples=\"{}\" format=\"ascii\">",
-                escaped(&column.name),
-                names.len()
-            )?;
-            for name in names {
-                for byte in name.bytes() {
-                    write!(out, "{byte} ")?;
-                }
-                writeln!(out, "0")?;
-            }
-            writeln!(out, "</Array>")?;
-        }
+    if polygons {
+        write_names(results, &mut out)?;
     }
     writeln!(out, "</FieldData>")?;
     let of_cells = if polygons { "Polys" } else { "Cells" };

@@ -59,7 +59,7 @@ use exchange::{Exchange, Survey};
 use residual::{Tally, merge};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use symmetric::Symmetric;
+use symmetric::{Scaling, Symmetric};
 
 /// The least tolerance of the sweeps: form factors are stored as f32, and a row's rounding adds up.
 pub const TOLERANCE_MIN: f64 = 1e-7;
@@ -364,39 +364,9 @@ fn balance_pairs(
     let precision = store.manifest().form.precision();
     let symmetric = Symmetric::create(&directory, &survey.order, store.manifest().rows_per_part, precision)?;
     let mut symmetric = symmetric.keeping(weights);
-    let mut targets = vec![None; areas.share.len()];
-    let mut before = Tally::default();
-    {
-        let mut exchange = Exchange::new(store, survey, &directory)?;
-        for place in 0..store.manifest().parts.len() {
-            let part = require_part(store, place)?;
-            let records = exchange.part(place)?;
-            let mut backward = records.as_slice();
-            for (row, &patch) in part.rows.iter().enumerate() {
-                if let Some(target) = targets.get_mut(patch as usize) {
-                    let passed = part.passages.get(row).map_or(0.0, |passage| passage.passed);
-                    *target = target_of(&part, row).map(|target| target - passed);
-                }
-                before.row(&part, row);
-                let (of_row, rest) = exchange::split_row(backward, row);
-                backward = rest;
-                for (column, forward, back) in merge(part.row(row), of_row) {
-                    let seen = (forward.is_some(), back.is_some());
-                    let (forward, back) = (forward.unwrap_or(0.0), back.unwrap_or(0.0));
-                    before.pair(areas, patch, column, forward, back);
-                    if patch < column {
-                        entry.pairs += 1;
-                        entry.pairs_one_sided += u64::from(seen != (true, true));
-                    }
-                    let pair = mean(areas, (patch, forward), (column, back), handed_on.is_empty());
-                    symmetric.push(column, precision.round(pair));
-                }
-                symmetric.end_row()?;
-            }
-        }
-    }
+    let exchange = Exchange::new(store, survey, &directory)?;
+    let mut targets = pair_rows(store, exchange, &mut symmetric, areas, &handed_on, &mut entry)?;
     symmetric.finish()?;
-    entry.before = before.finish();
 
     let kept = if options.min_factor > 0.0 {
         Some(symmetric.keep_from(areas, options.min_factor)?)
@@ -422,6 +392,64 @@ fn balance_pairs(
     entry.rows_without_target = scaling.rows_without_target;
     entry.rows_at_bound = scaling.rows_at_bound;
 
+    write_scaled(store, writer, areas, &mut symmetric, &scaling, &handed_on, &mut entry)?;
+    Ok(entry)
+}
+
+/// Gives the mean of each pair's two entries to `symmetric`, and counts the pairs. Returns the sum that each row is to
+/// have.
+fn pair_rows(
+    store: &Store,
+    mut exchange: Exchange,
+    symmetric: &mut Symmetric<'_>,
+    areas: &Areas,
+    handed_on: &[f64],
+    entry: &mut BalanceEntry,
+) -> Result<Vec<Option<f64>>> {
+    let precision = store.manifest().form.precision();
+    let mut targets = vec![None; areas.share.len()];
+    let mut before = Tally::default();
+    for place in 0..store.manifest().parts.len() {
+        let part = require_part(store, place)?;
+        let records = exchange.part(place)?;
+        let mut backward = records.as_slice();
+        for (row, &patch) in part.rows.iter().enumerate() {
+            if let Some(target) = targets.get_mut(patch as usize) {
+                let passed = part.passages.get(row).map_or(0.0, |passage| passage.passed);
+                *target = target_of(&part, row).map(|target| target - passed);
+            }
+            before.row(&part, row);
+            let (of_row, rest) = exchange::split_row(backward, row);
+            backward = rest;
+            for (column, forward, back) in merge(part.row(row), of_row) {
+                let seen = (forward.is_some(), back.is_some());
+                let (forward, back) = (forward.unwrap_or(0.0), back.unwrap_or(0.0));
+                before.pair(areas, patch, column, forward, back);
+                if patch < column {
+                    entry.pairs += 1;
+                    entry.pairs_one_sided += u64::from(seen != (true, true));
+                }
+                let pair = mean(areas, (patch, forward), (column, back), handed_on.is_empty());
+                symmetric.push(column, precision.round(pair));
+            }
+            symmetric.end_row()?;
+        }
+    }
+    entry.before = before.finish();
+    Ok(targets)
+}
+
+/// Writes the parts of the scaled pairs.
+fn write_scaled(
+    store: &Store,
+    writer: &mut StoreWriter,
+    areas: &Areas,
+    symmetric: &mut Symmetric<'_>,
+    scaling: &Scaling,
+    handed_on: &[f64],
+    entry: &mut BalanceEntry,
+) -> Result<()> {
+    let precision = store.manifest().form.precision();
     let mut after = Tally::default();
     for place in 0..store.manifest().parts.len() {
         let source = require_part(store, place)?;
@@ -451,7 +479,7 @@ fn balance_pairs(
                 part.data.push(factor);
             }
             part.indptr.push(length(part.data.len()));
-            hand_on(&mut part, row, &handed_on);
+            hand_on(&mut part, row, handed_on);
             let error = after.row(&part, row);
             if !scaling.unmatched.get(patch as usize).copied().unwrap_or(false) {
                 entry.closure_max_of_others = entry.closure_max_of_others.max(error);
@@ -461,10 +489,10 @@ fn balance_pairs(
         writer.write_part(&part)?;
     }
     entry.after = after.finish();
-    Ok(entry)
+    Ok(())
 }
 
-/// What mirrors and panes hand on of a changed row.
+/// Sets the share of a changed row that mirrors and panes hand on.
 fn hand_on(part: &mut Part, row: usize, handed_on: &[f64]) {
     let (columns, factors) = part.row(row);
     let of = |column: i32| handed_on.get(column.cast_unsigned() as usize).copied().unwrap_or(0.0);

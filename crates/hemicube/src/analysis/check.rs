@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! weights      visible + escaped + blocked + unselected = hemicubes · 2³¹, exactly, for every row
-//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode, triangles); ε is
-//!              2⁻²⁴ for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and shared
+//! visible      |Σⱼ Fᵢⱼ − visible / (hemicubes · 2³¹)| ≤ ε Σⱼ Fᵢⱼ: the rounding of each factor (pixel mode, triangles);
+//!              ε is 2⁻²⁴ for f32, 2⁻¹¹ more in the compact form, and 2⁻²⁴ more where small factors were left out and
+//!              shared
 //! range        0 ≤ Fᵢⱼ ≤ 1
 //! columns      ascending, of patches that exist
-//! diagonal     Fᵢᵢ = 0: a triangle does not see itself but through portals; up to 10⁻³ of a patch of several elements in
-//!              one plane, any where they lie in none
+//! diagonal     Fᵢᵢ = 0: a triangle does not see itself but through portals; up to 10⁻³ of a patch of several elements
+//!              in one plane, any where they lie in none
 //! shares       escaped, blocked, unselected from 0 to 1; of triangles in pixel mode, weight / (hemicubes · 2³¹)
 //! entries      some row has one
 //! winding      no closed surface sees nothing around all that sees something (`winding.rs`; triangles, all rows)
@@ -28,7 +29,7 @@ use crate::PatchKind;
 use crate::sky::{SkyCheck, check_sky, sky_beside};
 use crate::store::{
     Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums,
-    Store,
+    RowTable, Store,
 };
 use hemicube_scene::InputPatch;
 use serde::Serialize;
@@ -234,7 +235,7 @@ pub struct CheckReport {
     pub closure: Closure,
     /// Difference of A_i F_ij and A_j F_ji.
     pub reciprocity: Reciprocity,
-    /// What the verdict on quality rests on besides bounds.
+    /// Evidence of quality besides bounds.
     pub quality: Quality,
     /// Integrity, conservation and quality.
     pub verdicts: Verdicts,
@@ -297,32 +298,61 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
         let flat = |table: &PatchTable| (0..table.len()).map(|patch| table.is_flat(patch)).collect();
         tally.flat = Some(table.as_ref().map_or_else(Vec::new, flat));
     }
-    let mut row_sums = vec![
-        None;
-        if row_table.is_some() {
-            manifest.patch_count as usize
-        } else {
-            0
-        }
-    ];
-    for place in 0..manifest.parts.len() {
-        let part = store.verify_part(place).and_then(|()| store.part_as_it_is(place));
-        let Some((path, part)) = tally.files(part)?.flatten() else {
-            continue;
-        };
-        let failures = tally.failures.iter().map(|failure| failure.count).sum::<u64>();
-        tally.part(place, &part);
-        // Violations noticed by no check above: rows that another part has, and the like.
-        if failures == tally.failures.iter().map(|failure| failure.count).sum::<u64>() {
-            tally.files(store.validate(place, &path, &part))?;
-        }
-        for row in 0..part.rows.len() {
-            if let Some(slot) = row_sums.get_mut(part.rows[row] as usize) {
-                *slot = Some(of_row(&part, row));
+    let slots = row_table.as_ref().map_or(0, |_| manifest.patch_count as usize);
+    let mut row_sums = vec![None; slots];
+    tally.parts(store, &mut row_sums)?;
+    if let Some(table) = &row_table {
+        tally.row_table(table, &row_sums);
+    }
+    if let Some(table) = &table {
+        tally.winding(table);
+    }
+    let reciprocity = tally.reciprocity(store, table.as_ref(), options)?;
+    let sky = sky_beside(store);
+    let sky = match &row_table {
+        Some(rows) if sky.exists() => match check_sky(&sky, &rows.escaped) {
+            Ok(found) => Some(found),
+            Err(Error::Io { path, action, source }) => return Err(Error::Io { path, action, source }),
+            Err(error) => {
+                tally.fail(Check::Sky, error.to_string());
+                None
+            }
+        },
+        _ => None,
+    };
+    let mut report = CheckReport {
+        sky,
+        ..tally.finish(store, reciprocity)
+    };
+    report.verdicts = Verdicts::of(&report);
+    Ok(report)
+}
+
+impl Tally {
+    /// Checks every part, and notes the sums of its rows by their patches.
+    fn parts(&mut self, store: &Store, row_sums: &mut [Option<[f64; 9]>]) -> Result<()> {
+        for place in 0..store.manifest().parts.len() {
+            let part = store.verify_part(place).and_then(|()| store.part_as_it_is(place));
+            let Some((path, part)) = self.files(part)?.flatten() else {
+                continue;
+            };
+            let failures = self.failures.iter().map(|failure| failure.count).sum::<u64>();
+            self.part(place, &part);
+            // Violations noticed by no check above: rows that another part has, and the like.
+            if failures == self.failures.iter().map(|failure| failure.count).sum::<u64>() {
+                self.files(store.validate(place, &path, &part))?;
+            }
+            for row in 0..part.rows.len() {
+                if let Some(slot) = row_sums.get_mut(part.rows[row] as usize) {
+                    *slot = Some(of_row(&part, row));
+                }
             }
         }
+        Ok(())
     }
-    if let Some(table) = &row_table {
+
+    /// Compares the table of rows with their sums.
+    fn row_table(&mut self, table: &RowTable, row_sums: &[Option<[f64; 9]>]) {
         for (patch, &expected) in row_sums.iter().enumerate() {
             let found = [
                 table.row_sum[patch],
@@ -342,59 +372,41 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
                 .zip(expected)
                 .all(|(a, b)| *a == b || a.is_nan() && b.is_nan());
             if !equal {
-                tally.fail(
+                self.fail(
                     Check::Table,
                     format!("patch {patch} has {found:?}, its row {expected:?}"),
                 );
             }
         }
     }
-    let mut reciprocity = Reciprocity {
-        bound: options.reciprocity,
-        ..Reciprocity::default()
-    };
-    // Rows that cannot be trusted as rows cannot be paired.
-    let readable = !tally
-        .failures
-        .iter()
-        .any(|failure| matches!(failure.check, Check::Files | Check::Columns | Check::Range));
-    if let Some(table) = &table {
-        tally.winding(table);
-    }
-    if let Some(table) = table.filter(|_| readable)
-        && let Some(found) = tally.files(reciprocal(store, &table.area, options))?
-    {
-        reciprocity = Reciprocity {
-            bound: options.reciprocity,
-            ..found
+
+    /// Measures reciprocity, unless rows cannot be trusted as rows.
+    fn reciprocity(
+        &mut self,
+        store: &Store,
+        table: Option<&PatchTable>,
+        options: &CheckOptions,
+    ) -> Result<Reciprocity> {
+        let bound = options.reciprocity;
+        let is_unreadable = |failure: &Failure| matches!(failure.check, Check::Files | Check::Columns | Check::Range);
+        let table = table.filter(|_| !self.failures.iter().any(is_unreadable));
+        let found = table.map(|table| self.files(reciprocal(store, &table.area, options)));
+        let Some(found) = found.transpose()?.flatten() else {
+            return Ok(Reciprocity {
+                bound,
+                ..Reciprocity::default()
+            });
         };
-        if let Some(bound) = options.reciprocity
+        if let Some(bound) = bound
             && (found.residual > bound || found.residual.is_nan())
         {
-            tally.fail(
+            self.fail(
                 Check::Reciprocity,
                 format!("the residual is {:e}, the bound {bound:e}", found.residual),
             );
         }
+        Ok(Reciprocity { bound, ..found })
     }
-    let sky = sky_beside(store);
-    let sky = match &row_table {
-        Some(rows) if sky.exists() => match check_sky(&sky, &rows.escaped) {
-            Ok(found) => Some(found),
-            Err(Error::Io { path, action, source }) => return Err(Error::Io { path, action, source }),
-            Err(error) => {
-                tally.fail(Check::Sky, error.to_string());
-                None
-            }
-        },
-        _ => None,
-    };
-    let mut report = CheckReport {
-        sky,
-        ..tally.finish(store, reciprocity)
-    };
-    report.verdicts = Verdicts::of(&report);
-    Ok(report)
 }
 
 /// Sum of the form factors, shares, and the hemicubes' shares, by the same operations as in the table.
@@ -592,7 +604,7 @@ impl Tally {
             most += if optics.varies { factor } else { passed };
         }
         let off = (least - passage.passed).max(passage.passed - most);
-        if off > PASSED * (1.0 + most) || off.is_nan() {
+        if off > (PASSED + self.rounding) * (1.0 + most) || off.is_nan() {
             let passed = passage.passed;
             let expected = if least == most {
                 format!("{most}")

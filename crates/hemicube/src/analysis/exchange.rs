@@ -317,7 +317,8 @@ impl Exchange {
             let most = emissivity.iter().map(|band| band[surface]).fold(0.0, f64::max);
             if most > network.kept(surface) + SHARES_ROUNDED {
                 return Err(SolveError::Problem(format!(
-                    "`{name}` has an emissivity of {most}, and hands on {} of what arrives: together they are at most 1",
+                    "`{name}` has an emissivity of {most}, and hands on {} of what arrives: together they are at most \
+                     1",
                     network.handed_on[surface]
                 )));
             }

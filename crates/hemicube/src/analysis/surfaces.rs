@@ -46,7 +46,7 @@ pub struct HeatBalance {
     pub taken_up: f64,
     /// Net heat that leaves to the surroundings, in W.
     pub surroundings: f64,
-    /// What is left of all heat, in W: A F lacks it of symmetry.
+    /// Remainder of all heat, in W: A F lacks it of symmetry.
     pub error: f64,
 }
 
@@ -58,19 +58,34 @@ impl HeatBalance {
     }
 }
 
-/// Heat by surface, in order of their first patch, and its sum. `names` are those of objects and of materials that the
-/// table counts into, `outside` the irradiance from the surroundings, `temperature` is in kelvin and
-/// NaN where nothing determines it.
+/// Patches of a matrix with what their rows hold.
+#[derive(Debug, Clone, Copy)]
+pub struct MatrixTables<'a> {
+    /// Areas and surfaces of patches.
+    pub patches: &'a PatchTable,
+    /// Sums and shares of their rows.
+    pub rows: &'a RowTable,
+    /// Names of objects and of materials, by the numbers of `patches`.
+    pub names: [&'a [String]; 2],
+}
+
+/// Heat by surface, in order of their first patch, and its sum. `outside` is the irradiance from the surroundings,
+/// `temperature` in kelvin, NaN where nothing determines it.
 ///
 /// # Panics
 /// When the arrays are not of the table's patches.
 pub fn heat_by_surface(
-    (table, rows, names): (&PatchTable, &RowTable, [&[String]; 2]),
+    tables: MatrixTables<'_>,
     by: GroupBy,
     solution: &Solution,
     outside: Option<&[f64]>,
     temperature: &[f64],
 ) -> (Vec<SurfaceHeat>, HeatBalance) {
+    let MatrixTables {
+        patches: table,
+        rows,
+        names,
+    } = tables;
     let (zones, zone_of) = zones_of(table, names, by);
     let mut surfaces: Vec<SurfaceHeat> = zones
         .into_iter()

@@ -14,7 +14,7 @@
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
 //! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
-//! space. Two-sided surfaces have no back and are never turned.
+//! space, and all must see more fronts than before: a room turned outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -444,6 +444,14 @@ impl Rays<'_> {
         (weight, rays)
     }
 
+    /// Weight of the rays from active sides that meet a front.
+    fn fronts(&self, turned: &BTreeSet<u32>) -> f64 {
+        let meets_front =
+            |kind: Kind| kind.to != To::Nothing && Self::is_active(kind, turned) && !Self::meets_back(kind, turned);
+        let rays = self.list.iter().filter(|(kind, _)| meets_front(*kind));
+        rays.map(|(_, count)| count.weight).sum()
+    }
+
     /// Returns whether others see only backs of these objects, or nobody sees them, and their other side faces a nearly
     /// closed space.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
@@ -464,6 +472,68 @@ impl Rays<'_> {
         }
         met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
     }
+
+    /// The candidate that saves most weight once `turned` are turned, with that weight; `backs` is saved by those
+    /// inside out.
+    fn best_turn<'c>(
+        &self,
+        candidates: &'c [(Turn, BTreeSet<u32>)],
+        turned: &BTreeSet<u32>,
+        blind: &BTreeSet<u32>,
+        backs: f64,
+    ) -> Option<(f64, Turn, &'c BTreeSet<u32>)> {
+        let mut best: Option<(f64, Turn, &BTreeSet<u32>)> = None;
+        for (turn, objects) in candidates {
+            if !objects.is_disjoint(turned) {
+                continue;
+            }
+            let after: BTreeSet<u32> = turned.union(objects).copied().collect();
+            let ((before, rays_before), (rest, rays_rest)) =
+                (self.lost(objects, turned, blind), self.lost(objects, &after, blind));
+            // For objects inside out: the backs seen by others. A floor's view of their insides from below proves
+            // nothing.
+            let (saved, rays_saved) = if *turn == Turn::InsideOut {
+                (backs, WORTH_RAYS)
+            } else {
+                (before - rest, rays_before.saturating_sub(rays_rest))
+            };
+            let worth = saved > WORTH * self.whole && rays_saved >= WORTH_RAYS;
+            if worth
+                && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
+                && (*turn != Turn::Objects || self.faces_away(objects, turned))
+                && (*turn != Turn::All || self.fronts(&after) > self.fronts(turned))
+            {
+                best = Some((saved, *turn, objects));
+            }
+        }
+        best
+    }
+}
+
+/// Objects that show their insides, and the weight of rays of others that meet their backs.
+struct InsideOut {
+    objects: BTreeSet<u32>,
+    backs: f64,
+}
+
+/// Sets of objects that may be turned: each object, each group, those inside out, all.
+fn candidates(
+    all: &BTreeSet<u32>,
+    members: &BTreeMap<u32, BTreeSet<u32>>,
+    inside_out: &InsideOut,
+) -> Vec<(Turn, BTreeSet<u32>)> {
+    let mut candidates: Vec<(Turn, BTreeSet<u32>)> = Vec::new();
+    candidates.extend(all.iter().map(|&object| (Turn::Objects, BTreeSet::from([object]))));
+    candidates.extend(
+        members
+            .values()
+            .filter(|of| of.len() > 1)
+            .map(|of| (Turn::Objects, of.clone())),
+    );
+    candidates.push((Turn::InsideOut, inside_out.objects.clone()));
+    candidates.push((Turn::All, all.clone()));
+    candidates.retain(|(_, objects)| !objects.is_empty());
+    candidates
 }
 
 fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: f64) -> (Vec<Winding>, u64) {
@@ -517,7 +587,6 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .all(|sight| sight.is_blind(alone) || sight.own + sight.backs >= ITSELF * sight.view());
     let blind = if all_outward { blind } else { BTreeSet::new() };
     let inside_out = chosen(&Sight::is_inside_out);
-    let backs_of = |of: &BTreeSet<u32>| -> f64 { of.iter().map(|group| sights[group].met[1]).sum() };
     let union = |chosen: &BTreeSet<u32>| -> BTreeSet<u32> {
         chosen
             .iter()
@@ -526,45 +595,18 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
             .copied()
             .collect()
     };
-    let mut candidates: Vec<(Turn, BTreeSet<u32>)> = Vec::new();
-    candidates.extend(all.iter().map(|&object| (Turn::Objects, BTreeSet::from([object]))));
-    candidates.extend(
-        members
-            .values()
-            .filter(|of| of.len() > 1)
-            .map(|of| (Turn::Objects, of.clone())),
-    );
-    candidates.push((Turn::InsideOut, union(&inside_out)));
-    candidates.push((Turn::All, all.clone()));
-    candidates.retain(|(_, objects)| !objects.is_empty());
+    let inside_out = InsideOut {
+        objects: union(&inside_out),
+        backs: inside_out.iter().map(|group| sights[group].met[1]).sum(),
+    };
+    let candidates = candidates(&all, &members, &inside_out);
 
     let mut found: Vec<Winding> = Vec::new();
     let mut turned = BTreeSet::new();
     while found.len() < TURNS_MAX {
-        let mut best: Option<(f64, Turn, &BTreeSet<u32>)> = None;
-        for (turn, objects) in &candidates {
-            if !objects.is_disjoint(&turned) {
-                continue;
-            }
-            let after: BTreeSet<u32> = turned.union(objects).copied().collect();
-            let ((before, rays_before), (rest, rays_rest)) =
-                (rays.lost(objects, &turned, &blind), rays.lost(objects, &after, &blind));
-            // For objects inside out: the backs seen by others. A floor's view of their insides from below proves
-            // nothing.
-            let (saved, rays_saved) = if *turn == Turn::InsideOut {
-                (backs_of(&inside_out), WORTH_RAYS)
-            } else {
-                (before - rest, rays_before.saturating_sub(rays_rest))
-            };
-            let worth = saved > WORTH * rays.whole && rays_saved >= WORTH_RAYS;
-            if worth
-                && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
-                && (*turn != Turn::Objects || rays.faces_away(objects, &turned))
-            {
-                best = Some((saved, *turn, objects));
-            }
-        }
-        let Some((saved, turn, objects)) = best else { break };
+        let Some((saved, turn, objects)) = rays.best_turn(&candidates, &turned, &blind, inside_out.backs) else {
+            break;
+        };
         found.push(Winding {
             turn: match turn {
                 _ if objects.len() == all.len() && all_outward => Turn::All,

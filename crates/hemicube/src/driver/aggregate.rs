@@ -5,7 +5,8 @@
 //! e_I = Σ_{i∈I} A_i e_i / Σ_{i∈I} A_i
 //! ```
 //!
-//! X are the shares *escaped*, *blocked* and *unselected*, e the expected errors of rows, √Σ (F − true F)². Errors of
+//! X are the shares *escaped*, *blocked* and *unselected*, and what portals *passed* on and *cut off*; e the expected
+//! errors of rows, √Σ (F − true F)². Errors of
 //! the columns of one patch are taken for independent, those of its elements for equal: neighbours see the same
 //! penumbrae (`docs/surfaces.md` has measurements). Workers add up the columns of an element's row, in the order of
 //! columns; the collector adds up elements, in the order of work. Both are in f64 and do not depend on threads or
@@ -14,7 +15,7 @@
 
 use crate::Grouping;
 use crate::driver::plan::Plan;
-use crate::store::{Part, RowShares, RowSums, small_entries};
+use crate::store::{Part, Passage, RowShares, RowSums, small_entries};
 use hemicube_scene::InputPatch;
 
 /// Adds up the columns of elements' rows, one row after the other.
@@ -56,6 +57,8 @@ impl ColumnSums {
 pub(super) struct OpenRow<'a> {
     plan: &'a Plan,
     grouping: &'a Grouping,
+    /// The patches that are mirrors or panes.
+    portals: Vec<bool>,
     patch: Option<InputPatch>,
     /// Σ A_i Σ_j F_ij by patch; 0 between rows.
     exchange: Vec<f64>,
@@ -64,6 +67,7 @@ pub(super) struct OpenRow<'a> {
     area: f64,
     whole_area: f64,
     shares: [f64; 3],
+    passage: Passage,
     error: f64,
     sums: RowSums,
     hemicubes: u64,
@@ -80,12 +84,14 @@ impl<'a> OpenRow<'a> {
         Some(Self {
             plan,
             grouping,
+            portals: plan.portal_columns(),
             patch: None,
             exchange: vec![0.0; grouping.len()],
             touched: Vec::new(),
             area: 0.0,
             whole_area: 0.0,
             shares: [0.0; 3],
+            passage: Passage::default(),
             error: 0.0,
             sums: RowSums::default(),
             hemicubes: 0,
@@ -122,6 +128,10 @@ impl<'a> OpenRow<'a> {
         for (sum, share) in self.shares.iter_mut().zip(part.shares[row].to_array()) {
             *sum += area * share;
         }
+        if let Some(passage) = part.passages.get(row) {
+            self.passage.passed += area * passage.passed;
+            self.passage.cut_off += area * passage.cut_off;
+        }
         self.error += area * f64::from(part.errors[row]);
         let of_row = &part.sums[row];
         self.sums.visible += of_row.visible;
@@ -136,16 +146,27 @@ impl<'a> OpenRow<'a> {
     pub(super) fn close(&mut self, part: &mut Part) -> Option<Closed> {
         let patch = self.patch.take()?;
         let start = part.data.len();
+        // Of a patch that fills the view, the errors of closed forms may add up to more than 1. By mirrors, F^s may.
+        let most = if self.plan.portals.is_empty() { 1.0 } else { f64::INFINITY };
         self.touched.sort_unstable();
         self.touched.dedup();
         for patch in self.touched.drain(..) {
             let exchange = std::mem::take(&mut self.exchange[patch as usize]);
             part.indices.push(patch.cast_signed());
-            part.data.push(exchange / self.area);
+            part.data.push((exchange / self.area).min(most));
         }
         let mut error = crate::store::closure::narrow(self.error / self.area);
-        let change = small_entries::keep(part, start, self.plan.min_factor, self.plan.form, &mut error);
+        let keeping = self.plan.keeping(&self.portals);
+        let change = small_entries::keep(part, start, keeping, &mut error);
         let is_known = self.hemicubes > 0;
+        if !self.plan.portals.is_empty() {
+            let Passage { passed, cut_off } = std::mem::take(&mut self.passage);
+            let of = |sum: f64| if is_known { sum / self.area } else { 0.0 };
+            part.passages.push(Passage {
+                passed: of(passed),
+                cut_off: of(cut_off),
+            });
+        }
         part.rows.push(patch.0);
         part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
         part.sums.push(std::mem::take(&mut self.sums));

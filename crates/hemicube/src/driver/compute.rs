@@ -15,7 +15,7 @@ use crate::driver::aggregate::{ColumnSums, OpenRow};
 use crate::driver::queue::{Queue, StopOnPanic};
 use crate::portal::extend::{Draft, Extender};
 use crate::row::{RowBlock, RowError};
-use crate::store::{Form, Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
+use crate::store::{Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -490,6 +490,8 @@ struct Worker<'a> {
     rows: RowBlock,
     converter: Converter<'a>,
     columns: ColumnSums,
+    /// The columns of mirrors and panes.
+    portals: Vec<bool>,
     extender: Option<Extender<'a>>,
 }
 
@@ -501,6 +503,7 @@ impl<'a> Worker<'a> {
             rows: RowBlock::default(),
             converter: Converter::new(run.plan.correction, Some(&run.abandon)),
             columns: ColumnSums::default(),
+            portals: run.plan.portal_columns(),
             extender: (!run.plan.portals.is_empty()).then(|| {
                 let (portals, correction) = (&run.plan.portals, run.plan.correction);
                 Extender::new(portals, run.model, correction, run.settings.resolution, &run.abandon)
@@ -630,6 +633,7 @@ impl<'a> Worker<'a> {
                 hemicubes: taken.as_deref().unwrap_or(hemicubes),
                 part: &mut *part,
                 start,
+                data_start,
                 sums: &mut converted.sums,
                 shares: &mut converted.shares,
                 error: &mut converted.error,
@@ -645,8 +649,8 @@ impl<'a> Worker<'a> {
         if let Some(groups) = &plan.groups {
             batch.pairs += part.data.len() as u64;
             self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
-        } else if plan.min_factor > 0.0 || plan.form == Form::Compact {
-            let change = small_entries::keep(part, start, plan.min_factor, plan.form, &mut converted.error);
+        } else if plan.keeping(&self.portals).changes() {
+            let change = small_entries::keep(part, start, plan.keeping(&self.portals), &mut converted.error);
             if plan.min_factor > 0.0 {
                 batch.changes.push(change);
             }

@@ -22,9 +22,11 @@ use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::RowSettings;
 use crate::driver::storage_policy::StoragePolicy;
 use crate::portal::{Images, Portals};
-use crate::store::{Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter};
+use crate::store::{
+    Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter, optics_of,
+};
 use crate::{Grouping, Model, PatchKind};
-use hemicube_scene::InputPatch;
+use hemicube_scene::{InputPatch, Patches};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -217,6 +219,19 @@ pub enum JobError {
         /// Why not.
         reason: &'static str,
     },
+    /// A patch has triangles with different mirrors or panes.
+    #[error(
+        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ; compute by `--patches {by}`",
+        kind.name()
+    )]
+    MixedOptics {
+        /// The kind of the patches.
+        kind: PatchKind,
+        /// The patch.
+        name: String,
+        /// A kind by which no patch is mixed.
+        by: &'static str,
+    },
     /// No accuracy level keeps the tolerance, or calibration failed.
     #[error(transparent)]
     Level(#[from] LevelError),
@@ -328,20 +343,15 @@ impl Job {
             .map_or_else(|| model.patches(), Images::cell);
         let selection = Selection::by_name(scene, patches, names)?;
         self.check_portals(&selection)?;
-        let selection = self.with_images(selection, model);
-        let tolerance = self.accuracy.tolerance();
         let grouping = Grouping::new(scene, patches, self.patches).map(Arc::new);
         if let Some(grouping) = &grouping {
-            self.require_whole(&selection, grouping, scene, model)?;
+            self.require_whole(&selection, grouping, scene, patches)?;
+            self.require_one_kind_of_optics(grouping, scene, patches)?;
         }
+        let selection = self.with_images(selection, model);
         let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
-        let policy = if self.portals.specular.is_some() {
-            let form = self.form.unwrap_or(Form::Plain);
-            StoragePolicy::choose(Some(form), Some(0.0), patch_count, tolerance)
-        } else {
-            StoragePolicy::choose(self.form, self.min_factor, patch_count, tolerance)
-        };
+        let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, self.accuracy.tolerance());
         let stage = InStage::begin(observer, Stage::Calibrate);
         let Sessions {
             rows: mut backend,
@@ -356,12 +366,15 @@ impl Job {
             batch: self.batch,
             cancel: observer.cancel(),
         };
+        let images = self.portals.images.as_ref();
+        let of_images = grouping.as_deref().zip(images);
+        let of_images = of_images.map(|(of_cell, images)| images.grouping(of_cell, model.geometry().patch_count));
         let level = Level::resolve(
             self.accuracy,
             model,
             Rows {
                 selection: &selection,
-                grouping: grouping.as_deref(),
+                grouping: of_images.as_ref().or(grouping.as_deref()),
             },
             self.rotate,
             policy.form,
@@ -398,15 +411,7 @@ impl Job {
             culling: self.culling.unwrap_or(Culling::On),
             covered: false,
         };
-        let mut probe = None;
-        if self.forecasts || self.culling.is_none() {
-            let found = Probe::render(model, &plan, render, backend.as_mut(), execution.cancel)?;
-            if self.culling.is_none() {
-                render.culling = found.culling();
-                observer.note(Note::Culling(&found));
-            }
-            probe = Some(found);
-        }
+        let probe = self.probe(model, &plan, &mut render, backend.as_mut(), observer)?;
         // Choices of a backend by the scene are part of the store's header.
         compute::load(model, &plan.correction, render, backend.as_mut())?;
         // Rows would build it, and memory is asked for before them.
@@ -423,24 +428,33 @@ impl Job {
         })
     }
 
+    /// Renders trial hemicubes where a forecast or the choice of culling needs them, and makes that choice.
+    fn probe(
+        &self,
+        model: &Model,
+        plan: &Plan,
+        render: &mut RenderSettings,
+        backend: &mut dyn HemicubeBackend,
+        observer: &dyn Observer,
+    ) -> Result<Option<Probe>, JobError> {
+        if !self.forecasts && self.culling.is_some() {
+            return Ok(None);
+        }
+        let found = Probe::render(model, plan, *render, backend, observer.cancel())?;
+        if self.culling.is_none() {
+            render.culling = found.culling();
+            observer.note(Note::Culling(&found));
+        }
+        Ok(Some(found))
+    }
+
     /// Refuses what rows through portals do not have.
     fn check_portals(&self, selection: &Selection) -> Result<(), JobError> {
         let refused = |reason: &'static str| Err(JobError::Portals { reason });
         let receives = |patch: u32| selection.receives(patch);
-        if !self.portals.is_empty() && self.patches != PatchKind::Triangle {
-            return refused(
-                "portals are followed from triangles: compute by `--patches triangle`, and add up with `export --by`",
-            );
-        }
         let Some(specular) = &self.portals.specular else {
             return Ok(());
         };
-        if self.form == Some(Form::Compact) || self.min_factor.is_some_and(|least| least > 0.0) {
-            return refused(
-                "with mirrors and panes, rows are of what arrives, which may be more than everything: such a matrix is \
-                 plain, and has its small entries",
-            );
-        }
         if !specular.portals().all(receives) {
             return refused("mirrors and panes need columns: what arrives there is a part of what they hand on");
         }
@@ -495,7 +509,7 @@ impl Job {
         selection: &Selection,
         grouping: &Grouping,
         scene: &SceneInput,
-        model: &Model,
+        patches: &Patches,
     ) -> Result<(), PartlySelected> {
         for (list, globs, chosen) in [
             ("emitters", &self.emitters, &selection.emitters),
@@ -506,13 +520,46 @@ impl Job {
                 return Err(PartlySelected {
                     list,
                     kind: self.patches,
-                    name: grouping.name_of(patch, scene, model.patches()),
+                    name: grouping.name_of(patch, scene, patches),
                     selected,
                     elements,
                 });
             }
         }
         Ok(())
+    }
+
+    /// Refuses patches whose elements are different mirrors or panes than the patch is by its names.
+    fn require_one_kind_of_optics(
+        &self,
+        grouping: &Grouping,
+        scene: &SceneInput,
+        patches: &Patches,
+    ) -> Result<(), JobError> {
+        let Some(specular) = &self.portals.specular else {
+            return Ok(());
+        };
+        let table = PatchTable::grouped(scene, patches, grouping);
+        let settings = serde_json::json!({ "portals": self.portals.record() });
+        let materials: Vec<String> = scene.materials.iter().map(|material| material.name.clone()).collect();
+        let of_patches = optics_of(&settings, [&scene.objects, &materials], &table).unwrap_or_default();
+        let is_other = |element: &InputPatch| {
+            let own = specular.of(element.0);
+            let of_patch = of_patches
+                .get(grouping.patch_of(*element).0 as usize)
+                .copied()
+                .flatten();
+            let of_patch = of_patch.map_or([0.0; 2], |optics| [optics.specular, optics.transmittance]);
+            [own.specular, own.transmittance] != of_patch
+        };
+        match patches.iter().find(is_other) {
+            None => Ok(()),
+            Some(element) => Err(JobError::MixedOptics {
+                kind: self.patches,
+                name: grouping.name_of(grouping.patch_of(element), scene, patches),
+                by: PatchKind::Face.name(),
+            }),
+        }
     }
 
     /// Computes the rows into memory.

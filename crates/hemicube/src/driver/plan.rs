@@ -5,6 +5,7 @@ use crate::accuracy::grain::Grain;
 use crate::portal::Portals;
 use crate::sampling::splitmix;
 use crate::store::Form;
+use crate::store::small_entries::Keeping;
 use crate::{Grouping, Model};
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
@@ -254,6 +255,31 @@ impl Plan {
     pub fn with_portals(mut self, portals: Arc<Portals>) -> Self {
         self.portals = portals;
         self
+    }
+
+    /// By column of the matrix, whether it is a mirror or a pane; empty without any.
+    pub(crate) fn portal_columns(&self) -> Vec<bool> {
+        let Some(specular) = &self.portals.specular else {
+            return Vec::new();
+        };
+        let grouping = self.groups.as_ref().map(|groups| groups.grouping.as_ref());
+        let mut columns = vec![false; grouping.map_or(specular.patch_count(), Grouping::len)];
+        for element in specular.portals() {
+            let patch = grouping.map_or(element, |grouping| grouping.patch_of(InputPatch(element)).0);
+            if let Some(is_portal) = columns.get_mut(patch as usize) {
+                *is_portal = true;
+            }
+        }
+        columns
+    }
+
+    /// What is stored of rows, by [`Self::portal_columns`].
+    pub(crate) fn keeping<'p>(&self, portals: &'p [bool]) -> Keeping<'p> {
+        Keeping {
+            min_factor: self.min_factor,
+            form: self.form,
+            portals,
+        }
     }
 
     /// n of the n² hemicubes of a patch: as planned, or more for a patch much larger than the surfaces on it. Pixel

@@ -15,7 +15,7 @@ const BASE: u64 = 20_000_000;
 /// Bytes of a triangle that is not cut: the least.
 const WHOLE: u64 = 330;
 
-/// What is done with patches, by the memory that a patch takes until the first row.
+/// Kinds of work, by the memory that a patch takes until the first row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Work {

@@ -40,7 +40,7 @@ impl Precision {
         }
     }
 
-    /// As far as rounding allows: differences of a quadrature that is four to eight digits rougher than the result.
+    /// Tolerances near rounding: differences of a quadrature that is four to eight digits rougher than the result.
     pub(crate) const fn exact() -> Self {
         Self {
             absolute: 1e-9,

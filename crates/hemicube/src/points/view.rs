@@ -8,13 +8,14 @@ use crate::delta::DeltaTable;
 use crate::face::{Face, Items};
 use crate::geometry::in_front;
 use crate::outline::weights_within;
+use crate::portal::sensors::Arrivals;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
 
 /// Visible part of a patch.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+pub(super) struct Seen {
     visible: u64,
     /// The whole outline's; `visible` where all of it is seen.
     covered: u64,
@@ -24,11 +25,13 @@ struct Seen {
 /// Weights of some hemicubes of one place and direction.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sum {
-    seen: BTreeMap<u32, Seen>,
+    pub(super) seen: BTreeMap<u32, Seen>,
     sky: u64,
     ground: u64,
     blocked: u64,
     hemicubes: u32,
+    /// Likewise what comes through portals.
+    pub(super) through: Arrivals,
 }
 
 /// View factors of one direction of a body, summing to 1.
@@ -50,7 +53,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn new(model: &Model) -> Self {
         Self {
-            weights: vec![0; model.patches().len()],
+            weights: vec![0; model.geometry().patch_count as usize],
             touched: Vec::new(),
             polygon: Vec::new(),
         }

@@ -174,6 +174,13 @@ impl Stratum {
     }
 }
 
+/// Weight of a ray, and the part of it at which its paths are cut off.
+#[derive(Clone, Copy)]
+struct Worth {
+    weight: f64,
+    bound: f64,
+}
+
 /// Rays of one emitter.
 #[derive(Debug)]
 pub(super) struct Casts<'e> {
@@ -233,7 +240,9 @@ impl<'e> Casts<'e> {
         &mut self,
         bound: f64,
         cancel: &AtomicBool,
-        (tracer, motions, ledger): (&mut Tracer, &mut Motions, &mut Ledger),
+        tracer: &mut Tracer,
+        motions: &mut Motions,
+        ledger: &mut Ledger,
         column: impl Fn(u32) -> Column,
     ) {
         let mut gather = Gather { ledger, column };
@@ -241,7 +250,10 @@ impl<'e> Casts<'e> {
         let until = (2 * round).max(1);
         for stratum in &self.strata {
             // By as much as it has fewer rays than its share.
-            let weight = RAY as f64 * self.first as f64 * stratum.factor() / stratum.first as f64;
+            let worth = Worth {
+                weight: RAY as f64 * self.first as f64 * stratum.factor() / stratum.first as f64,
+                bound,
+            };
             for at in (round * stratum.first..until * stratum.first).step_by(BATCH) {
                 // Nobody wants a cancelled row: its weights need not say anything.
                 if cancel.load(Ordering::Relaxed) {
@@ -251,7 +263,7 @@ impl<'e> Casts<'e> {
                 for l in 0..BATCH {
                     let Some(target) = stratum.target(at + l) else { continue };
                     let u = [u[0][l], u[1][l], u[2][l], u[3][l]];
-                    self.shoot(target, u, (weight, bound), (tracer, motions), &mut gather);
+                    self.shoot(target, u, worth, tracer, motions, &mut gather);
                 }
             }
         }
@@ -263,8 +275,9 @@ impl<'e> Casts<'e> {
         &self,
         target: &Target,
         u: [f64; 4],
-        (weight, bound): (f64, f64),
-        (tracer, motions): (&mut Tracer, &mut Motions),
+        Worth { weight, bound }: Worth,
+        tracer: &mut Tracer,
+        motions: &mut Motions,
         gather: &mut Gather<'_, impl Fn(u32) -> Column>,
     ) {
         let [a, b, c] = self.emitter.corners;
@@ -326,12 +339,25 @@ impl<'e> Casts<'e> {
         weight as f64 / (self.count as f64 * RAY as f64)
     }
 
+    /// The form factor that a ray stands for where a pair was found, times N.
+    fn each(&self, found: &Found) -> f64 {
+        self.share(found.weight) / f64::from(found.hits.max(1)) * self.count as f64
+    }
+
+    /// The number of hits expected of a pair of that form factor.
+    pub(super) fn hits(&self, factor: f64, found: &Found) -> f64 {
+        factor * self.count as f64 / self.each(found).max(f64::MIN_POSITIVE)
+    }
+
     /// The variance of a pair known by rays: of hits of the same weight.
     pub(super) fn variance(&self, found: &Found) -> f64 {
-        let hits = f64::from(found.hits);
-        let each = self.share(found.weight) / hits.max(1.0) * self.count as f64;
+        self.variance_at(f64::from(found.hits), found)
+    }
+
+    /// Likewise by another number of hits.
+    pub(super) fn variance_at(&self, hits: f64, found: &Found) -> f64 {
         let share = (hits / self.count as f64).min(1.0);
-        (each * ray_shares::error(share * (1.0 - share), self.count)).powi(2)
+        (self.each(found) * ray_shares::error(share * (1.0 - share), self.count)).powi(2)
     }
 
     /// The variance of all pairs that are not measured: those past the `most` first, and those of fewer than `least`

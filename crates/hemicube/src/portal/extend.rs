@@ -16,8 +16,8 @@
 use super::aim::Casts;
 use super::gather::{Column, Found, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
-use super::pairs::Through;
-use super::pass::{Passes, Taker};
+use super::pairs::{Share, Through};
+use super::pass::{Passes, PixelView, Taker};
 use super::specular::Laws;
 use super::trace::Tracer;
 use super::{Images, Optics, Portals};
@@ -39,7 +39,9 @@ const RAYS: [usize; 2] = [1 << 12, 1 << 12];
 /// Rays of a row with a tolerance at most.
 const RAYS_MAX: usize = 1 << 20;
 /// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
-/// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light.
+/// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light. For
+/// the same reason pairs are looked at in an order that does not depend on hits, and those that rays found stand for
+/// those that they missed ([`Known::measure`]).
 const HITS: [f64; 2] = [4.0, 8.0];
 /// Legs of a row with a tolerance T after which no further rays are cast, and as many again for segments; times
 /// max(1 %/T, 1), up to 2²⁴. What is then left is in the row's expected error. A choice.
@@ -62,8 +64,9 @@ pub(crate) struct Draft<'r> {
     pub(crate) emitter: InputPatch,
     pub(crate) hemicubes: &'r [Hemicube],
     pub(crate) part: &'r mut Part,
-    /// The row's first entry in the part.
+    /// The row's first column and form factor in the part, which has none of earlier rows where these are added up.
     pub(crate) start: usize,
+    pub(crate) data_start: usize,
     pub(crate) sums: &'r mut RowSums,
     pub(crate) shares: &'r mut RowShares,
     pub(crate) error: &'r mut f32,
@@ -99,6 +102,9 @@ impl Brought {
         self.sent = sent;
     }
 }
+
+/// A pair that rays found.
+type Entry = ((MotionId, u32), Found);
 
 /// Extends rows, one after the other; one a thread.
 #[derive(Debug)]
@@ -157,7 +163,7 @@ impl<'a> Extender<'a> {
         self.row.clear();
         let entries = draft.part.indices[draft.start..]
             .iter()
-            .zip(draft.part.data.tail(draft.start));
+            .zip(draft.part.data.tail(draft.data_start));
         self.row
             .extend(entries.map(|(&patch, factor)| (patch.cast_unsigned(), factor)));
         if images.is_some_and(Images::has_curtains) {
@@ -174,7 +180,8 @@ impl<'a> Extender<'a> {
             let brought = if self.pixels.is_some() {
                 let mut brought = self.by_pixels(draft.hemicubes, column, session)?;
                 if self.correction == Correction::Point {
-                    brought.scale_to(sent);
+                    // By the angles at which pixels met what depends on them.
+                    brought.scale_to(self.sent());
                 }
                 brought
             } else {
@@ -184,7 +191,7 @@ impl<'a> Extender<'a> {
             self.enter(&mut draft, &brought, &mut passage);
             self.row.extend(brought.factors);
         }
-        self.write(draft.part, draft.start);
+        self.write(draft.part, draft.start, draft.data_start);
         Ok(passage)
     }
 
@@ -246,7 +253,11 @@ impl<'a> Extender<'a> {
         let bound = portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
         passes.legs_max = LEGS[0] * hemicubes.len().max(1) as u64;
         ledger.clear();
-        let mut taker = Taker { ledger, column };
+        let mut taker = Taker {
+            ledger,
+            column,
+            up: None,
+        };
         let is_portal = |patch: u32| tracer.optics.get(patch as usize).is_some_and(Optics::is_portal);
         let seen: Vec<u32> = row
             .iter()
@@ -255,8 +266,14 @@ impl<'a> Extender<'a> {
             .collect();
         for hemicube in hemicubes {
             let items = session.items(hemicube)?;
-            let weights = (&*table, FINE, bound);
-            passes.follow((hemicube, &items), weights, &seen, tracer.surfaces(), &mut taker);
+            let view = PixelView {
+                hemicube,
+                items: &items,
+                table,
+                fine: FINE,
+                bound,
+            };
+            passes.follow(&view, &seen, tracer.surfaces(), &mut taker);
         }
         tracer.legs = std::mem::take(&mut passes.legs);
         let ledger = taker.ledger;
@@ -300,8 +317,8 @@ impl<'a> Extender<'a> {
         self.ledger.clear();
         let mut is_by_rays = false;
         let permitted = loop {
-            let taken = (&mut self.tracer, &mut self.motions, &mut self.ledger);
-            casts.cast(bound, self.cancel, taken, &column);
+            let (tracer, motions) = (&mut self.tracer, &mut self.motions);
+            casts.cast(bound, self.cancel, tracer, motions, &mut self.ledger, &column);
             let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
             let seen = self.ledger.entries.values();
             let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
@@ -339,22 +356,20 @@ impl<'a> Extender<'a> {
             lost[3] += sent;
         }
         let most = if is_by_rays { 0 } else { PAIRS[level] };
-        let until = self.tracer.legs.saturating_add(effort);
+        let limits = Limits {
+            permitted,
+            most,
+            until: self.tracer.legs.saturating_add(effort),
+        };
         // A segment is followed to its end.
         self.tracer.legs_max = u64::MAX;
-        let known = self.measure(&casts, level, (permitted, most, until), rule, scale);
+        let known = self.measure(&casts, level, limits, rule, scale);
         balanced(sent, &known, lost)
     }
 
     /// Arrivals at each patch under each motion: by segments and closed forms for the largest, by rays otherwise.
-    fn measure(
-        &mut self,
-        casts: &Casts<'_>,
-        level: usize,
-        (permitted, most, until): (Option<f64>, usize, u64),
-        rule: FactorRule,
-        scale: f64,
-    ) -> Vec<Known> {
+    fn measure(&mut self, casts: &Casts<'_>, level: usize, limits: Limits, rule: FactorRule, scale: f64) -> Vec<Known> {
+        let Limits { permitted, most, until } = limits;
         let entries = self.ledger.sorted();
         let pairs = entries
             .iter()
@@ -366,7 +381,7 @@ impl<'a> Extender<'a> {
         let emitter = casts.emitter;
         let mut measured = 0;
         let mut known = Vec::with_capacity(entries.len());
-        for (place, ((motion, patch), found)) in entries.into_iter().enumerate() {
+        for (place, ((motion, patch), found)) in self.by_size(emitter, entries).into_iter().enumerate() {
             let mut entry = Known {
                 patch,
                 factor: casts.share(found.weight) * scale,
@@ -390,18 +405,31 @@ impl<'a> Extender<'a> {
                         bound: self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound),
                     };
                     let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);
-                    // Segments to a patch all but touched say less than rays.
-                    if let Some(share) = share.filter(|share| (whole * share.error).powi(2) <= entry.variance) {
-                        entry.factor = whole * share.share;
-                        entry.handed_on = share.passed;
-                        entry.variance = (whole * share.error).powi(2);
-                        entry.is_by_rays = false;
-                    }
+                    entry.measure(whole, share, casts, &found);
                 }
             }
             known.push(entry);
         }
         known
+    }
+
+    /// Pairs found, the largest first by what centroids exchange with nothing in between: an order that does not
+    /// depend on the number of hits.
+    fn by_size(&self, emitter: &Emitter<'_>, entries: Vec<Entry>) -> Vec<Entry> {
+        let own = crate::geometry::centroid(&emitter.corners);
+        let normal = crate::geometry::cross(&emitter.corners);
+        let size = |&((motion, patch), _): &Entry| {
+            if motion == OTHER {
+                return 0.0;
+            }
+            let image = self.motions.get(motion).triangle(self.model.normalised_corners(patch));
+            let between = crate::geometry::centroid(&image) - own;
+            let facing = -crate::geometry::cross(&image).dot(between);
+            normal.dot(between).max(0.0) * facing.max(0.0) / between.length_squared().powi(2).max(f64::MIN_POSITIVE)
+        };
+        let mut sized: Vec<(f64, Entry)> = entries.into_iter().map(|entry| (size(&entry), entry)).collect();
+        sized.sort_by(|(a, (one, _)), (b, (other, _))| b.total_cmp(a).then(one.cmp(other)));
+        sized.into_iter().map(|(_, entry)| entry).collect()
     }
 
     /// Enters arrivals through portals into the row's weights, shares and error.
@@ -445,7 +473,7 @@ impl<'a> Extender<'a> {
     }
 
     /// Writes the row with the columns of images added into the cell's.
-    fn write(&mut self, part: &mut Part, start: usize) {
+    fn write(&mut self, part: &mut Part, start: usize, data_start: usize) {
         if let Some(images) = &self.portals.images {
             self.row.retain_mut(|(patch, _)| {
                 let folded = images.fold(*patch);
@@ -456,7 +484,7 @@ impl<'a> Extender<'a> {
         // Stable: sums of equal columns are in the order of images and motions.
         self.row.sort_by_key(|&(patch, _)| patch);
         part.indices.truncate(start);
-        part.data.truncate(start);
+        part.data.truncate(data_start);
         for group in self.row.chunk_by(|a, b| a.0 == b.0) {
             let factor = group.iter().map(|&(_, factor)| factor).sum::<f64>();
             if part.data.push_positive(factor) {
@@ -479,6 +507,16 @@ fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted
     wanted <= (pairs.count() * SEGMENTS[1].0) as f64
 }
 
+/// Bounds of what a row's arrivals by segments may cost.
+struct Limits {
+    /// Squared error that they may leave.
+    permitted: Option<f64>,
+    /// Number of pairs.
+    most: usize,
+    /// Legs of the tracer at which they end.
+    until: u64,
+}
+
 /// Arrivals at a patch under a motion.
 #[derive(Clone, Copy, Debug)]
 struct Known {
@@ -488,6 +526,27 @@ struct Known {
     handed_on: f64,
     variance: f64,
     is_by_rays: bool,
+}
+
+impl Known {
+    /// Takes a share measured by segments, if it says more than rays do. It is a pair that rays found: of P = 1 − e^(−n)
+    /// of such pairs, with n hits expected. Each stands for 1 / P of them (Horvitz & Thompson 1952), or what rays happen
+    /// to miss would be lost, and what they know alone would be scaled up for it.
+    fn measure(&mut self, whole: f64, share: Option<Share>, casts: &Casts<'_>, found: &Found) {
+        let Some(share) = share else { return };
+        let (factor, error) = (whole * share.share, whole * share.error);
+        let hits = casts.hits(factor, found);
+        // Segments to a patch all but touched say less than rays. By the hits expected: by those counted, pairs hit too
+        // seldom would stay as they are.
+        if factor <= 0.0 || error * error > casts.variance_at(hits, found) {
+            return;
+        }
+        let is_found = -(-hits).exp_m1();
+        self.factor = factor / is_found;
+        self.handed_on = share.passed;
+        self.variance = error * error + factor * factor * (1.0 - is_found) / is_found;
+        self.is_by_rays = false;
+    }
 }
 
 /// Scales the part known by rays so that kept, lost and cut off sum to `sent`.

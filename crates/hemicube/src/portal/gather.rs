@@ -32,6 +32,8 @@ pub(super) struct Ledger {
     /// Kept by patches with columns.
     pub(super) kept: u64,
     pub(super) escaped: u64,
+    /// The part of `escaped` below the horizon, where that is told apart.
+    pub(super) ground: u64,
     pub(super) blocked: u64,
     pub(super) unselected: u64,
     pub(super) cut_off: u64,

@@ -9,9 +9,10 @@
 //! curtains become the cut-off part of *unselected*.
 
 use super::motion::Motion;
-use crate::{HierarchyOptions, Model, ModelError};
+use crate::{Grouping, HierarchyOptions, Model, ModelError};
 use glam::DVec3;
 use hemicube_scene::{Axis, Patches, Scene, Subdivision, Triangle};
+use serde_json::Value;
 use std::sync::Arc;
 
 /// A plane of symmetry: `axis` = `at`, in the scene's unit.
@@ -156,6 +157,11 @@ fn of(axis: Axis) -> (&'static str, usize) {
     }
 }
 
+/// The axis of a name.
+fn named(name: &str) -> Option<Axis> {
+    [Axis::X, Axis::Y, Axis::Z].into_iter().find(|&axis| of(axis).0 == name)
+}
+
 fn unit(axis: Axis) -> DVec3 {
     DVec3::AXES[of(axis).1]
 }
@@ -175,6 +181,45 @@ impl ImageSettings {
     /// Returns whether there is nothing to repeat.
     pub fn is_empty(&self) -> bool {
         self.symmetry.is_empty() && self.sector.is_none() && self.periods.is_empty()
+    }
+
+    /// What a matrix's settings record ([`super::PortalRecord`]); `None` where they record no images.
+    pub fn of_settings(settings: &Value) -> Option<Self> {
+        let record = &settings["portals"];
+        let texts = |key: &str| record[key].as_array().into_iter().flatten().filter_map(Value::as_str);
+        let symmetry = texts("symmetry").map(|text| {
+            let (axis, at) = text.split_once('=')?;
+            Some(Symmetry {
+                axis: named(axis)?,
+                at: at.parse().ok()?,
+            })
+        });
+        let periods = texts("periodic").map(|text| {
+            let (axis, range) = text.split_once('=')?;
+            let (low, high) = range.split_once("..")?;
+            Some(Period {
+                axis: named(axis)?,
+                low: low.parse().ok()?,
+                high: high.parse().ok()?,
+            })
+        });
+        let sector = record["sector"].as_str().map(|text| {
+            let (axis, count) = text.split_once(',')?;
+            Some(Sector {
+                axis: named(axis)?,
+                count: count.parse().ok()?,
+            })
+        });
+        let found = Self {
+            symmetry: symmetry.collect::<Option<_>>()?,
+            sector: sector.flatten(),
+            periods: periods.collect::<Option<_>>()?,
+            repeats: record["repeats"]
+                .as_u64()
+                .and_then(|repeats| u32::try_from(repeats).ok()),
+            bound: 0.0,
+        };
+        (!found.is_empty()).then_some(found)
     }
 
     fn check(&self, low: DVec3, high: DVec3) -> Result<(), ImageError> {
@@ -456,6 +501,13 @@ impl Images {
         &self.cell
     }
 
+    /// Returns whether a point lies in the cell's period along every period's axis: beyond it a tiling is not as far on
+    /// one side as on the other.
+    pub fn holds(&self, point: DVec3) -> bool {
+        let is_within = |period: &Period| (period.low..=period.high).contains(&point[of(period.axis).1]);
+        self.settings.periods.iter().all(is_within)
+    }
+
     /// The cell and its images together.
     pub fn count(&self) -> u32 {
         self.count
@@ -464,6 +516,11 @@ impl Images {
     /// The patch of the cell that a patch of the model is an image of; `None` for a curtain.
     pub fn fold(&self, patch: u32) -> Option<u32> {
         (u64::from(patch) < u64::from(self.patches) * u64::from(self.count)).then(|| patch % self.patches)
+    }
+
+    /// The grouping of a model's elements by that of the cell's; each curtain is a patch of its own.
+    pub(crate) fn grouping(&self, of_cell: &Grouping, elements: u32) -> Grouping {
+        of_cell.of_images(elements, |element| self.fold(element))
     }
 
     /// Returns whether something is cut off.

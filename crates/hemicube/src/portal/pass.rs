@@ -162,6 +162,15 @@ pub(super) struct Passes {
     pub(super) legs_max: u64,
 }
 
+/// The pixels of a hemicube, each with its weight times `fine`; a path is cut off at `bound` of its weight.
+pub(super) struct PixelView<'a> {
+    pub(super) hemicube: &'a Hemicube,
+    pub(super) items: &'a Items,
+    pub(super) table: &'a DeltaTable,
+    pub(super) fine: u64,
+    pub(super) bound: f64,
+}
+
 impl Passes {
     pub(super) fn new(tree: &Arc<Tree>, optics: &[Optics]) -> Self {
         let planes = Planes::new(tree, optics);
@@ -185,16 +194,21 @@ impl Passes {
         }
     }
 
-    /// Follows a hemicube's pixels, each with its weight times `fine`; a path is cut off at `bound` of its weight.
-    /// `portals` are those that the hemicube may see.
+    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see.
     pub(super) fn follow(
         &mut self,
-        (hemicube, items): (&Hemicube, &Items),
-        (table, fine, bound): (&DeltaTable, u64, f64),
+        view: &PixelView<'_>,
         portals: &[u32],
         surfaces: Surfaces<'_>,
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
     ) {
+        let PixelView {
+            hemicube,
+            items,
+            table,
+            fine,
+            bound,
+        } = *view;
         let resolution = items.resolution;
         let edge = EDGE;
         let mut windows = std::mem::take(&mut self.windows);
@@ -228,8 +242,13 @@ impl Passes {
                         weight,
                         least: (weight as f64 * bound) as u64,
                     };
-                    let passed = self.hand_on(&pixel, (patch, 0), &view, surfaces, taker.ledger);
+                    let passed = self.hand_on(&pixel, patch, 0, &view, surfaces, taker.ledger);
                     taker.ledger.sent += passed;
+                    if surfaces.laws.varies(patch) {
+                        let [met, handed_on] = taker.ledger.first.entry(patch).or_default();
+                        *met += weight;
+                        *handed_on += passed;
+                    }
                 }
             }
         }
@@ -301,7 +320,8 @@ impl Passes {
     fn hand_on(
         &mut self,
         pixel: &Pixel,
-        (patch, depth): (u32, u32),
+        patch: u32,
+        depth: u32,
         view: &FaceView,
         surfaces: Surfaces<'_>,
         ledger: &mut Ledger,
@@ -399,10 +419,14 @@ impl Passes {
             for (pixel, &id) in pixels.iter().zip(&seen) {
                 if id == NOTHING {
                     taker.ledger.escaped += pixel.weight;
+                    let is_below = |up: DVec3| view.towards(pixel.x.into(), pixel.y.into()).dot(up) < 0.0;
+                    if taker.up.is_some_and(is_below) {
+                        taker.ledger.ground += pixel.weight;
+                    }
                     continue;
                 }
                 let passed = if self.is_portal[(id as usize).min(surfaces.optics.len())] {
-                    self.hand_on(pixel, (id, pass.depth), &view, surfaces, taker.ledger)
+                    self.hand_on(pixel, id, pass.depth, &view, surfaces, taker.ledger)
                 } else {
                     0
                 };
@@ -451,6 +475,8 @@ fn view_of(face: Face, resolution: u32, eye: DVec3, of: &[DVec3; 3], horizon: Pl
 pub(super) struct Taker<'a, C> {
     pub(super) ledger: &'a mut Ledger,
     pub(super) column: C,
+    /// The way up, where what escapes below the horizon is told apart.
+    pub(super) up: Option<DVec3>,
 }
 
 impl<C: Fn(u32) -> Column> Taker<'_, C> {

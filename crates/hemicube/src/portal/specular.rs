@@ -257,6 +257,11 @@ impl Specular {
             .collect()
     }
 
+    /// Number of patches of the cell.
+    pub fn patch_count(&self) -> usize {
+        self.optics.len()
+    }
+
     /// Patches of the cell with ρs or τ above 0.
     pub fn portals(&self) -> impl Iterator<Item = u32> + '_ {
         (0u32..)
@@ -274,23 +279,41 @@ impl Specular {
     }
 }
 
-/// The first triangle that lets light through on one side only: neither two-sided nor there both ways. However patches
-/// cut it, its corners are those of its other side.
+/// The first triangle that lets light through on one side only: neither two-sided nor there both ways, as itself or as
+/// a part of its face, whose other side may be cut along the other diagonal. However patches cut a triangle, its corners
+/// are those of its other side.
 fn one_sided(scene: &Scene, triangles: impl Iterator<Item = usize>) -> Option<usize> {
     let panes: BTreeSet<usize> = triangles.collect();
-    let key = |triangle: usize| {
+    let bits = |triangle: usize| {
         let corners = scene.triangles[triangle].corners;
-        let mut corners = corners.map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
+        corners.map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits))
+    };
+    let mut faces: HashMap<u32, BTreeSet<[u64; 3]>> = HashMap::new();
+    let mut sides: HashMap<[[u64; 3]; 3], u32> = HashMap::new();
+    let key = |triangle: usize| {
+        let mut corners = bits(triangle);
         corners.sort_unstable();
         corners
     };
-    let mut sides: HashMap<[[u64; 3]; 3], u32> = HashMap::new();
     for &triangle in &panes {
-        *sides.entry(key(triangle)).or_default() += if scene.triangles[triangle].two_sided { 2 } else { 1 };
+        let count = if scene.triangles[triangle].two_sided { 2 } else { 1 };
+        *sides.entry(key(triangle)).or_default() += count;
+        faces
+            .entry(scene.triangles[triangle].face)
+            .or_default()
+            .extend(bits(triangle));
     }
-    panes
-        .into_iter()
-        .find(|&triangle| sides.get(&key(triangle)) == Some(&1))
+    let mut of_corners: HashMap<&BTreeSet<[u64; 3]>, u32> = HashMap::new();
+    for corners in faces.values() {
+        *of_corners.entry(corners).or_default() += 1;
+    }
+    panes.iter().copied().find(|&triangle| {
+        let face = faces.get(&scene.triangles[triangle].face);
+        let is_there_twice = face
+            .and_then(|face| of_corners.get(face))
+            .is_some_and(|&count| count > 1);
+        sides.get(&key(triangle)) == Some(&1) && !is_there_twice
+    })
 }
 
 /// The optics of each patch of a model, at every angle.

@@ -217,7 +217,7 @@ fn draw(tree: &Tree, view: &FaceView, window: &mut Window) {
         if node.block != INNER {
             let block = &tree.blocks[node.block as usize];
             transform(block, view, window.at, &mut lanes);
-            if draw_lanes(block, &lanes, view, (tree.plane_tolerance, farthest), window) {
+            if draw_lanes(block, &lanes, view, tree.plane_tolerance, farthest, window) {
                 farthest = window.farthest();
                 pyramid.end_at(farthest);
             }
@@ -285,7 +285,8 @@ fn draw_lanes(
     block: &Block,
     lanes: &Lanes,
     view: &FaceView,
-    (tolerance, farthest): (f64, f64),
+    tolerance: f64,
+    farthest: f64,
     window: &mut Window,
 ) -> bool {
     let last = [window.size[0] as f64 - 1.0, window.size[1] as f64 - 1.0];

@@ -14,8 +14,9 @@ use super::hemisphere::directions;
 use super::visibility::{Met, Sight};
 use super::{Reference, ReferenceRow};
 use crate::portal::specular::Laws;
-use crate::portal::{Images, Portals};
+use crate::portal::{Images, Optics, Portals};
 use crate::reference::random::Random;
+use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -24,6 +25,27 @@ use std::sync::Arc;
 const PASSES_MAX: u32 = 10_000;
 /// Part of the squared error aimed at for arrivals through portals.
 const SHARE: f64 = 0.5;
+
+/// Share of a sensor's ray at which its branches end.
+const LEAST: f64 = 1e-5;
+
+/// An end of a sensor's ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum SightEnd {
+    /// A patch of the cell, which hands on a share of the ray.
+    Patch {
+        /// The patch.
+        patch: u32,
+        /// The share handed on.
+        passed: f64,
+    },
+    /// It leaves the scene in this direction.
+    Nothing(DVec3),
+    /// The back of a one-sided patch.
+    Back,
+    /// It is followed no further, or goes beyond the last image of a cell.
+    CutOff,
+}
 
 /// Portals of a scene's reference.
 #[derive(Clone, Debug)]
@@ -60,6 +82,57 @@ impl<'m> Reference<'m> {
             portals: Arc::clone(portals),
         });
         self
+    }
+
+    /// All ends of a ray from a free point, in normalised coordinates, and the shares of its weight that come there: a
+    /// patch has what arrives, and `passed` what it hands on. Branches end where no more than [`LEAST`] is left.
+    pub(super) fn ends(&self, from: DVec3, direction: DVec3, mut act: impl FnMut(SightEnd, f64)) {
+        let images = self
+            .through
+            .as_ref()
+            .and_then(|through| through.portals.images.as_ref());
+        let laws = self.through.as_ref().map(|through| &through.laws);
+        let mut branches = vec![(Sight::free(from, direction), from, direction, 1.0, 0)];
+        while let Some((sight, from, towards, share, passes)) = branches.pop() {
+            let model_patch = match self.occluders.first(&sight, from, towards) {
+                Met::Nothing => {
+                    act(SightEnd::Nothing(towards), share);
+                    continue;
+                }
+                Met::Back => {
+                    act(SightEnd::Back, share);
+                    continue;
+                }
+                Met::Patch(patch) => patch,
+            };
+            let Some(patch) = images.map_or(Some(model_patch), |images| images.fold(model_patch)) else {
+                act(SightEnd::CutOff, share);
+                continue;
+            };
+            let across = Sight::new(self.model, InputPatch(model_patch)).map(|met| (met.normal.dot(towards), met));
+            let optics = match (&across, laws) {
+                (Some((across, _)), Some(laws)) => laws.at(model_patch, *across),
+                _ => Optics::default(),
+            };
+            let passed = share * optics.passed();
+            act(SightEnd::Patch { patch, passed }, share);
+            let Some((across, met)) = across.filter(|_| passed > 0.0) else {
+                continue;
+            };
+            let at = from + towards * (met.height(from) / -across);
+            let reflected = (towards - met.normal * (2.0 * across)).normalize();
+            for (part, towards, normal) in [
+                (optics.specular, reflected, met.normal),
+                (optics.transmittance, towards, -met.normal),
+            ] {
+                let left = share * part;
+                if left > LEAST && passes < PASSES_MAX {
+                    branches.push((Sight::free(at, normal), at, towards, left, passes + 1));
+                } else if left > 0.0 {
+                    act(SightEnd::CutOff, left);
+                }
+            }
+        }
     }
 
     /// Adds what arrives through portals to a finished row.
@@ -152,28 +225,41 @@ impl<'m> Reference<'m> {
                 break;
             }
         }
+        row.rays += rays;
+        ends.add_to(row, walks);
+        add_arrivals(found, walks, row);
+    }
+}
+
+impl Ends {
+    /// Adds the shares of `walks` to a row.
+    fn add_to(&self, row: &mut ReferenceRow, walks: u64) {
         let whole = walks as f64;
         let share = |count: u64| count as f64 / whole;
-        row.rays += rays;
-        row.escaped += share(ends.escaped);
-        row.blocked += share(ends.blocked);
-        row.cut_off += share(ends.cut_off);
-        row.passed += share(ends.passed);
+        row.escaped += share(self.escaped);
+        row.blocked += share(self.blocked);
+        row.cut_off += share(self.cut_off);
+        row.passed += share(self.passed);
         let each = |count: u64| (share(count) * (1.0 - share(count)).max(0.0) / whole).sqrt();
-        row.error_of_shares = row.error_of_shares.hypot(each(ends.escaped).max(each(ends.blocked)));
-        for (patch, arrivals) in found {
-            let mean = share(arrivals.sum);
-            let variance = (share(arrivals.squares) - mean * mean).max(0.0) / whole;
-            match row.columns.binary_search(&patch) {
-                Ok(place) => {
-                    row.values[place] += mean;
-                    row.errors[place] = row.errors[place].hypot(variance.sqrt());
-                }
-                Err(place) => {
-                    row.columns.insert(place, patch);
-                    row.values.insert(place, mean);
-                    row.errors.insert(place, variance.sqrt());
-                }
+        row.error_of_shares = row.error_of_shares.hypot(each(self.escaped).max(each(self.blocked)));
+    }
+}
+
+/// Adds the mean arrivals of `walks` at each patch to a row, with their errors.
+fn add_arrivals(found: BTreeMap<u32, Arrivals>, walks: u64, row: &mut ReferenceRow) {
+    let whole = walks as f64;
+    for (patch, arrivals) in found {
+        let mean = arrivals.sum as f64 / whole;
+        let variance = (arrivals.squares as f64 / whole - mean * mean).max(0.0) / whole;
+        match row.columns.binary_search(&patch) {
+            Ok(place) => {
+                row.values[place] += mean;
+                row.errors[place] = row.errors[place].hypot(variance.sqrt());
+            }
+            Err(place) => {
+                row.columns.insert(place, patch);
+                row.values.insert(place, mean);
+                row.errors.insert(place, variance.sqrt());
             }
         }
     }

@@ -4,16 +4,22 @@
 //! middle of a piece tell what it shows. A piece that shows one thing counts for it with the kernel's integral over it;
 //! others are cut into four, until that integral is less than a limit, and are then shared by their rays. An edge of
 //! what is seen separates corners of every piece that it crosses: what is missed is smaller than a first piece.
+//!
+//! At a mirror or a pane a ray branches, and what it shows is all that its branches come to, in their order, with the
+//! mean of the piece's rays as the shares.
 
-use super::{RayEnd, Reference, ReferenceError, ReferenceSettings};
+use super::portals::SightEnd;
+use super::{Reference, ReferenceError, ReferenceSettings};
 use crate::Model;
 use crate::driver::compute::ComputeError;
 use crate::frame::Horizon;
 use crate::geometry::{in_front, quarters};
 use crate::points::{Body, Part, Sensor, SensorRow, in_parallel, threads_of};
+use crate::portal::Portals;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Levels of the even cut: 8 · 4⁶ pieces of 4 · 10⁻⁴ steradians.
 const START: u32 = 6;
@@ -45,8 +51,12 @@ pub struct PointReference<'m> {
 /// Sums of one row.
 #[derive(Default)]
 struct Sums {
-    /// Weight by what is seen: sky, ground, backs, then patches.
+    /// Weight by what is seen: sky, ground, backs, what is cut off, then patches.
     weights: BTreeMap<u64, f64>,
+    /// What patches hand on.
+    passed: BTreeMap<u32, f64>,
+    /// Σ of the pieces.
+    whole: f64,
     squared_error: f64,
     rays: u64,
 }
@@ -54,7 +64,11 @@ struct Sums {
 const SKY: u64 = 0;
 const GROUND: u64 = 1;
 const BACK: u64 = 2;
-const PATCHES: u64 = 3;
+const CUT_OFF: u64 = 3;
+const PATCHES: u64 = 4;
+
+/// What a ray shows, with the shares of its weight, and what patches hand on of it.
+type Shown = Vec<(u64, f64, f64)>;
 
 impl<'m> PointReference<'m> {
     /// `limit` is the integral of a kernel over a piece below which it is cut no more; 10⁻⁷ finds rows within 10⁻⁴.
@@ -68,6 +82,14 @@ impl<'m> PointReference<'m> {
             horizon,
             limit: limit.max(1e-9),
         })
+    }
+
+    /// The reference through `portals`. Where they have images of a cell, the model is of all of them, and columns are
+    /// the cell's.
+    #[must_use]
+    pub fn with_portals(mut self, portals: &Arc<Portals>) -> Self {
+        self.reference = self.reference.with_portals(portals);
+        self
     }
 
     /// The rows of sensors, [`Body::rows`] each, in order; `None` when `progress` returned false.
@@ -131,28 +153,42 @@ impl<'m> PointReference<'m> {
                 self.seen(position, middle),
             ];
             sums.rays += 4;
-            if seen.iter().all(|what| *what == seen[0]) {
-                *sums.weights.entry(seen[0]).or_default() += weight;
-            } else if weight > self.limit && level < DEEPEST {
+            let is_alike = |shown: &Shown| shown.iter().map(|end| end.0).eq(seen[0].iter().map(|end| end.0));
+            let are_alike = seen.iter().all(is_alike);
+            if !are_alike && weight > self.limit && level < DEEPEST {
                 cut(&mut pending);
-            } else {
+                continue;
+            }
+            if !are_alike {
                 sums.squared_error += (0.3 * weight).powi(2);
-                for what in seen {
-                    *sums.weights.entry(what).or_default() += 0.25 * weight;
+            }
+            sums.whole += weight;
+            for (what, share, passed) in seen.into_iter().flatten() {
+                *sums.weights.entry(what).or_default() += 0.25 * weight * share;
+                if passed > 0.0 {
+                    let patch = u32::try_from(what - PATCHES).unwrap_or(u32::MAX);
+                    *sums.passed.entry(patch).or_default() += 0.25 * weight * passed;
                 }
             }
         }
         sums.finish()
     }
 
-    /// The first thing that a ray meets.
-    fn seen(&self, position: DVec3, direction: DVec3) -> u64 {
-        match self.reference.first(position, direction) {
-            RayEnd::Nothing if direction.dot(self.horizon.up) >= 0.0 => SKY,
-            RayEnd::Nothing => GROUND,
-            RayEnd::Back => BACK,
-            RayEnd::Patch(patch) => PATCHES + u64::from(patch.0),
-        }
+    /// All that a ray shows.
+    fn seen(&self, position: DVec3, direction: DVec3) -> Shown {
+        let mut shown = Vec::new();
+        let from = self.model.normalise(position);
+        self.reference.ends(from, direction.normalize_or_zero(), |end, share| {
+            let (what, passed) = match end {
+                SightEnd::Nothing(towards) if towards.dot(self.horizon.up) >= 0.0 => (SKY, 0.0),
+                SightEnd::Nothing(_) => (GROUND, 0.0),
+                SightEnd::Back => (BACK, 0.0),
+                SightEnd::CutOff => (CUT_OFF, 0.0),
+                SightEnd::Patch { patch, passed } => (PATCHES + u64::from(patch), passed),
+            };
+            shown.push((what, share, passed));
+        });
+        shown
     }
 
     /// The model.
@@ -175,8 +211,10 @@ fn weight(parts: &[Part], [a, b, c]: [DVec3; 3]) -> f64 {
 
 impl Sums {
     fn finish(self) -> PointReferenceRow {
-        let whole: f64 = self.weights.values().sum();
+        let whole = self.whole;
         let share = |what: u64| self.weights.get(&what).copied().unwrap_or(0.0) / whole;
+        let passed = self.passed.iter();
+        let passed = passed.map(|(&patch, &weight)| (InputPatch(patch), weight / whole));
         let patches = self.weights.range(PATCHES..).map(|(&what, &weight)| {
             let patch = u32::try_from(what - PATCHES).unwrap_or(u32::MAX);
             (InputPatch(patch), weight / whole)
@@ -187,6 +225,8 @@ impl Sums {
                 sky: share(SKY),
                 ground: share(GROUND),
                 blocked: share(BACK),
+                passed: passed.collect(),
+                cut_off: share(CUT_OFF),
                 change: f64::NAN,
                 is_settled: true,
                 hemicubes: 0,

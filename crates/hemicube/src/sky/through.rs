@@ -12,8 +12,8 @@ use crate::delta::DeltaTable;
 use crate::driver::compute::ComputeError;
 use crate::frame::Horizon;
 use crate::points::{in_parallel, threads_of};
-use crate::portal::Specular;
 use crate::portal::sight::{PathEnd, ThroughPortals};
+use crate::portal::{Images, Specular};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
@@ -25,10 +25,12 @@ const FINE: u64 = 1 << 10;
 pub struct Glazed<'a> {
     /// Its patches.
     pub division: &'a SkyDivision,
-    /// Where up and north are.
+    /// Directions of up and north.
     pub horizon: Horizon,
     /// Mirrors and panes.
     pub specular: &'a Specular,
+    /// Images of the cell that the model has, too.
+    pub images: Option<&'a Images>,
 }
 
 /// A thread's state.
@@ -59,7 +61,7 @@ pub fn sky_through_portals(
     let worker = |session| Worker {
         session,
         bins: Bins::new(glazed.division, glazed.horizon),
-        through: ThroughPortals::new(glazed.specular, None, model),
+        through: ThroughPortals::new(glazed.specular, glazed.images, model),
         left: Vec::new(),
     };
     let mut workers = Vec::new();
@@ -138,7 +140,7 @@ pub fn sunlight(
     std::thread::scope(|scope| {
         for (patches, light) in patches.chunks(share).zip(light.chunks_mut(share * suns.len())) {
             scope.spawn(move || {
-                let mut through = ThroughPortals::new(glazed.specular, None, model);
+                let mut through = ThroughPortals::new(glazed.specular, glazed.images, model);
                 for (&patch, light) in patches.iter().zip(light.chunks_exact_mut(suns.len())) {
                     let corners = model.normalised_corners(patch.0);
                     let Some(normal) = crate::geometry::cross(&corners).try_normalize() else {

@@ -13,6 +13,9 @@
 //! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, smaller ones never become 0, and 0 and 1 are exact. Rounding again
 //! changes nothing. Decoding takes whole numbers only: every machine and NumPy find the same bits.
 //!
+//! Through mirrors a form factor may be 2 and more (`store/validate.rs`). A part with such ones has the format `r15`: every
+//! code stands for 2¹⁵ times as much.
+//!
 //! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of
 //! the columns of a row are the one before plus 1, in any scene. **Why not deflate or zstd on top.** The rest is mostly
 //! mantissas, which do not shrink: 4 to 23 % for a quarter of the speed of reading, and rows lose their offsets in the
@@ -33,6 +36,12 @@ const DROPPED: u32 = 13;
 
 /// The bits of the f32 2⁻⁶³: code 0 would stand for it, but stands for 0.
 const BASE: u32 = 64 << 23;
+
+/// By how much codes of the format `r15` stand for more.
+pub(crate) const RAISED: f32 = 32_768.0;
+
+/// The smallest form factor but 0 of the format `r15`. Rows through mirrors have none below it in any compact part.
+pub(crate) const LEAST_RAISED: f64 = 32_768.0 * 1.001 / 9_223_372_036_854_775_808.0;
 
 /// The code of a form factor; `None` for a negative number, NaN, and numbers from 2 on.
 pub(crate) fn code(factor: f32) -> Option<u16> {
@@ -68,9 +77,10 @@ pub(crate) fn factor_f64(code: u16) -> f64 {
     }
 }
 
-/// Rounds a form factor; other numbers stay as they are.
+/// Rounds a form factor, also those from 2 on that the format `r15` holds; other numbers stay as they are.
 pub(crate) fn round(value: f32) -> f32 {
-    code(value).map_or(value, factor)
+    let raised = || code(value / RAISED).map(|code| factor(code) * RAISED);
+    code(value).map(factor).or_else(raised).unwrap_or(value)
 }
 
 /// The columns of some rows.
@@ -199,6 +209,26 @@ mod tests {
         assert_eq!(code(-0.0), Some(0));
         for wrong in [f32::NAN, f32::INFINITY, -1e-9, 2.0, 1.9999] {
             assert_eq!(code(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn what_mirrors_get_again_and_again_keeps_the_same_error() {
+        for value in [1.9999f32, 2.0, 3.14159, 77.7, 40_000.0] {
+            let kept = round(value);
+            assert!(
+                (f64::from(kept) / f64::from(value) - 1.0).abs() <= VALUE_ERROR,
+                "{value}"
+            );
+            assert_eq!(round(kept).to_bits(), kept.to_bits());
+            assert_eq!(code(kept / RAISED).map(|code| factor(code) * RAISED), Some(kept));
+        }
+        // Whatever is in such a part, its codes are what `round` makes of it.
+        for value in [0.1f32, 0.999, 1e-9, 3e-13] {
+            assert_eq!(
+                code(value / RAISED).map(|code| factor(code) * RAISED),
+                Some(round(value))
+            );
         }
     }
 

@@ -81,6 +81,8 @@ pub(crate) enum EncodedRow<'a> {
         gaps: &'a [u8],
         lengths: &'a [u8],
         codes: &'a [u8],
+        /// By how much a code stands for more: a power of two.
+        scale: f32,
     },
 }
 
@@ -115,7 +117,14 @@ enum Entries {
         gaps: Sequence,
         lengths: Sequence,
         codes: Sequence,
+        /// By how much a code stands for more: 1, or [`compact::RAISED`].
+        scale: f32,
     },
+}
+
+/// The form factors of codes.
+fn decoded(codes: Vec<u16>, scale: f32) -> FactorVec {
+    FactorVec::Single(codes.into_iter().map(|code| compact::factor(code) * scale).collect())
 }
 
 /// Asks the system to read a whole file ahead, where it can be asked. Arrays of a part are read by turns in pieces, and
@@ -164,9 +173,10 @@ impl CsrFile {
             }
             _ => Vec::new(),
         };
-        let form = match format.as_slice() {
-            b"csr" => Form::Plain,
-            b"run" => Form::Compact,
+        let (form, scale) = match format.as_slice() {
+            b"csr" => (Form::Plain, 1.0),
+            b"run" => (Form::Compact, 1.0),
+            b"r15" => (Form::Compact, compact::RAISED),
             _ => {
                 let format = String::from_utf8_lossy(&format).into_owned();
                 return Err(Error::unsupported(
@@ -188,7 +198,7 @@ impl CsrFile {
         }
         let entries = match form {
             Form::Plain | Form::Double => Self::read_plain(path, npz, &wrong)?,
-            Form::Compact => Self::read_compact(path, npz, row_count, &wrong)?,
+            Form::Compact => Self::read_compact(path, npz, (row_count, scale), &wrong)?,
         };
         Ok(Self {
             path: path.to_owned(),
@@ -219,7 +229,12 @@ impl CsrFile {
         Ok(Entries::Plain { indices, data })
     }
 
-    fn read_compact(path: &Path, npz: &mut Npz, row_count: u64, wrong: &dyn Fn(&str) -> Error) -> Result<Entries> {
+    fn read_compact(
+        path: &Path,
+        npz: &mut Npz,
+        (row_count, scale): (u64, f32),
+        wrong: &dyn Fn(&str) -> Error,
+    ) -> Result<Entries> {
         let runptr = npz.counts("runptr")?;
         let runs = npz.count("gaps")?;
         if !divides(&runptr, row_count, runs) || npz.count("lengths")? != runs {
@@ -242,17 +257,18 @@ impl CsrFile {
             gaps,
             lengths,
             codes,
+            scale,
         })
     }
 
-    /// Returns whether its arrays are those of a part of this form.
-    pub(crate) fn is_store_part(&self, form: Form) -> bool {
+    /// Returns whether its arrays are those of a part of this form, `is_of_arrivals` if form factors may be 2 and more.
+    pub(crate) fn is_store_part(&self, form: Form, is_of_arrivals: bool) -> bool {
         match &self.entries {
             Entries::Plain { indices, data } => {
                 let is_of_form = form != Form::Compact && data.element == form.precision().element();
                 is_of_form && indices.element == ElementType::I32
             }
-            Entries::Compact { .. } => form == Form::Compact,
+            Entries::Compact { scale, .. } => form == Form::Compact && (*scale == 1.0 || is_of_arrivals),
         }
     }
 
@@ -279,6 +295,7 @@ impl CsrFile {
                 gaps,
                 lengths,
                 codes,
+                scale,
             } => {
                 let runs = bounds(runptr, row);
                 let mut columns = Vec::new();
@@ -287,10 +304,7 @@ impl CsrFile {
                     return Err(self.no_columns(row));
                 }
                 let codes: Vec<u16> = decode(&read(codes, (start, count))?);
-                Ok((
-                    columns,
-                    FactorVec::Single(codes.into_iter().map(compact::factor).collect()),
-                ))
+                Ok((columns, decoded(codes, *scale)))
             }
         }
     }
@@ -339,6 +353,7 @@ impl CsrFile {
                     gaps,
                     lengths,
                     codes,
+                    scale,
                 } => {
                     let runs = bounds(runptr, row).0;
                     let last = bounds(runptr, end - 1);
@@ -352,6 +367,7 @@ impl CsrFile {
                             gaps: &first[part(first, of_row, runs, 2)],
                             lengths: &second[part(second, of_row, runs, 1)],
                             codes: &third[part(third, self.bounds(row), start, 2)],
+                            scale: *scale,
                         };
                         each(row, encoded).is_some()
                     })
@@ -370,8 +386,8 @@ impl CsrFile {
 
     /// The columns and values of all rows of a store's part, from its open archive.
     pub(crate) fn rows(&self, npz: &mut Npz) -> Result<(Vec<i32>, FactorVec)> {
-        let runptr = match &self.entries {
-            Entries::Compact { runptr, .. } => runptr,
+        let (runptr, scale) = match &self.entries {
+            Entries::Compact { runptr, scale, .. } => (runptr, *scale),
             Entries::Plain { data, .. } => {
                 let factors = match data.element {
                     ElementType::F64 => FactorVec::Double(npz.array("data")?),
@@ -392,10 +408,7 @@ impl CsrFile {
                 return Err(self.no_columns(row));
             }
         }
-        Ok((
-            columns,
-            FactorVec::Single(codes.into_iter().map(compact::factor).collect()),
-        ))
+        Ok((columns, decoded(codes, scale)))
     }
 
     fn no_columns(&self, row: u64) -> Error {

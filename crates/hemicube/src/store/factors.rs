@@ -103,18 +103,18 @@ impl Precision {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub enum FactorVec {
-    /// Of the plain and the compact form.
+    /// f32, in the plain and the compact form.
     Single(Vec<f32>),
-    /// Of the double form.
+    /// f64, in the double form.
     Double(Vec<f64>),
 }
 
 /// Form factors borrowed from a [`FactorVec`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FactorSlice<'a> {
-    /// Of the plain and the compact form.
+    /// f32, in the plain and the compact form.
     Single(&'a [f32]),
-    /// Of the double form.
+    /// f64, in the double form.
     Double(&'a [f64]),
 }
 
@@ -204,12 +204,12 @@ impl FactorVec {
         }
     }
 
-    /// Those in a range of places; `None` beyond the last.
+    /// Form factors in a range of places; `None` beyond the last.
     pub fn get(&self, range: std::ops::Range<usize>) -> Option<FactorSlice<'_>> {
         self.as_slice().get(range)
     }
 
-    /// Those from a place on; none beyond the last.
+    /// Form factors from a place on; none beyond the last.
     pub fn tail(&self, start: usize) -> FactorSlice<'_> {
         self.get(start..self.len()).unwrap_or_default()
     }
@@ -320,7 +320,7 @@ impl<'a> FactorSlice<'a> {
         self.len() == 0
     }
 
-    /// Those in a range of places; `None` beyond the last.
+    /// Form factors in a range of places; `None` beyond the last.
     pub fn get(self, range: std::ops::Range<usize>) -> Option<FactorSlice<'a>> {
         Some(match self {
             Self::Single(factors) => Self::Single(factors.get(range)?),

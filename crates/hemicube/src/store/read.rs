@@ -795,7 +795,7 @@ pub(super) fn open_part(path: &Path, manifest: &Manifest, part: u32) -> Result<(
     let rows = manifest.rows_of_part(part);
     if csr.row_count != u64::from(rows)
         || csr.column_count != u64::from(manifest.patch_count)
-        || !csr.is_store_part(manifest.form)
+        || !csr.is_store_part(manifest.form, manifest.has_specular())
     {
         return Err(Error::malformed(
             path,

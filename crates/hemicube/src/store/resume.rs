@@ -406,15 +406,7 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
     };
     let mut places = vec![directory];
     places.extend(sources.iter().map(PathBuf::as_path));
-    for place in &places {
-        ours.patches = patches_of(place, &run)?;
-        if ours.patches.is_some() {
-            if *place != directory {
-                copy(&place.join(PATCHES_FILE), &directory.join(PATCHES_FILE))?;
-            }
-            break;
-        }
-    }
+    ours.patches = gather_patches(&places, &run)?;
     if ours.patches.is_none() {
         return Err(Error::malformed(
             &home.join(PATCHES_FILE),
@@ -430,12 +422,55 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
     if home != directory || !directory.join(PARTS_DIRECTORY).is_dir() {
         writer.begin(None, false)?;
     }
+    let (copied, mut not_kept) = gather_parts(&mut writer, &places, &run, threads)?;
+    let missing = writer.missing_parts();
+    let is_there = |part: &NotKept| missing.binary_search(&part.part).is_ok();
+    not_kept.retain(is_there);
+    let manifest = if missing.is_empty() {
+        if was_complete && theirs.parts == writer.manifest().parts && theirs.patches == writer.manifest().patches {
+            writer.has_been_complete(theirs);
+        }
+        writer.finish()?
+    } else {
+        writer.manifest().clone()
+    };
+    Ok(Merged {
+        manifest,
+        copied,
+        missing,
+        not_kept,
+        shard_count,
+    })
+}
+
+/// Copies the first whole table of patches to the first place, unless it has one. Returns what the manifest says of it.
+fn gather_patches(places: &[&Path], run: &[u8; 32]) -> Result<Option<FileEntry>> {
+    for place in places {
+        let found = patches_of(place, run)?;
+        if found.is_some() {
+            if *place != places[0] {
+                copy(&place.join(PATCHES_FILE), &places[0].join(PATCHES_FILE))?;
+            }
+            return Ok(found);
+        }
+    }
+    Ok(None)
+}
+
+/// Copies the parts that the first place lacks to it. Returns their number, and those that are damaged.
+fn gather_parts(
+    writer: &mut StoreWriter,
+    places: &[&Path],
+    run: &[u8; 32],
+    threads: usize,
+) -> Result<(u32, Vec<NotKept>)> {
+    let directory = places[0];
     let manifest = writer.manifest().clone();
     let (mut copied, mut not_kept) = (0, Vec::new());
-    for place in &places {
+    for place in places {
         // All of them, so that two versions of one part are noticed.
         let all: Vec<u32> = (0..manifest.part_count).collect();
-        look_at_all(place, &manifest, &run, &all, threads, &mut |index, found| {
+        look_at_all(place, &manifest, run, &all, threads, &mut |index, found| {
             let path = place.join(part_file(index));
             let there = writer
                 .manifest()
@@ -467,24 +502,7 @@ pub fn merge(directory: &Path, sources: &[PathBuf], threads: usize) -> Result<Me
             Ok(())
         })?;
     }
-    let missing = writer.missing_parts();
-    let is_there = |part: &NotKept| missing.binary_search(&part.part).is_ok();
-    not_kept.retain(is_there);
-    let manifest = if missing.is_empty() {
-        if was_complete && theirs.parts == writer.manifest().parts && theirs.patches == writer.manifest().patches {
-            writer.has_been_complete(theirs);
-        }
-        writer.finish()?
-    } else {
-        writer.manifest().clone()
-    };
-    Ok(Merged {
-        manifest,
-        copied,
-        missing,
-        not_kept,
-        shard_count,
-    })
+    Ok((copied, not_kept))
 }
 
 fn copy(from: &Path, to: &Path) -> Result<()> {

@@ -34,7 +34,12 @@ pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Opti
             columns,
             values: EncodedValues::Double(values),
         } => dot_double(InstructionSet::widest(), columns, values, x),
-        EncodedRow::Compact { gaps, lengths, codes } => dot_compact(
+        EncodedRow::Compact {
+            gaps,
+            lengths,
+            codes,
+            scale,
+        } => dot_compact(
             InstructionSet::widest(),
             gaps,
             lengths,
@@ -42,7 +47,9 @@ pub(super) fn dot(row: EncodedRow<'_>, x: &[f64], scratch: &mut Scratch) -> Opti
             x,
             &mut scratch.of_row,
             &mut scratch.long,
-        ),
+        )
+        // By a power of two: exact, whenever it is done.
+        .map(|sum| sum * f64::from(scale)),
     }
 }
 
@@ -57,12 +64,17 @@ pub(super) fn scatter(row: EncodedRow<'_>, x: f64, y: &mut [f64], scratch: &mut 
             columns,
             values: EncodedValues::Double(values),
         } => scatter_values(columns, values, f64::from_le_bytes, x, y),
-        EncodedRow::Compact { gaps, lengths, codes } => scatter_compact(
+        EncodedRow::Compact {
+            gaps,
+            lengths,
+            codes,
+            scale,
+        } => scatter_compact(
             InstructionSet::widest(),
             gaps,
             lengths,
             codes,
-            x,
+            x * f64::from(scale),
             y,
             &mut scratch.columns,
             &mut scratch.long,

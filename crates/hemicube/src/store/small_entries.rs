@@ -3,9 +3,13 @@
 //! The rule of `balance` for rows on their own ([`crate::analysis::balance`]): entries below the least factor are left
 //! out, and the others of the row share their sum in proportion. A row that would grow beyond the bound keeps all. Both
 //! steps add to the row's expected error, as if independent of it: √(e² + Σ (F' − F)²).
+//!
+//! Mirrors and panes keep their entries as they are: what they hand on is then as before, and the others still sum to
+//! what they did, whatever is left out.
 
 use super::closure::{ClosureTally, narrow, share_of, target_of};
-use super::{FactorSlice, Form, Part};
+use super::{FactorSlice, Form, Part, compact};
+use hemicube_spatial::whole;
 use serde::{Deserialize, Serialize};
 
 /// Default bound on the scaling of a row; an entry is scaled by its square at most.
@@ -45,7 +49,7 @@ impl SmallEntryRule {
         factor >= self.least
     }
 
-    /// What is left of a form factor, unrounded.
+    /// A form factor after the rule, unrounded; 0 if it is left out.
     pub(crate) fn of(self, factor: f64) -> f64 {
         if self.keeps(factor) { factor * self.scale } else { 0.0 }
     }
@@ -87,30 +91,83 @@ pub struct Thinning {
 /// Change of a row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RowChange {
+    /// Sum of the entries that may change, and of those that stay.
     whole: f64,
+    stays: f64,
     dropped: f64,
     entries_dropped: u64,
     kept_whole: bool,
     scale: f64,
 }
 
+/// What is stored of rows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Keeping<'a> {
+    /// Smaller entries are left out; 0: none.
+    pub(crate) min_factor: f64,
+    /// The others are rounded to this form.
+    pub(crate) form: Form,
+    /// By column, whether it is a mirror or a pane, whose entries stay as they are; empty without any.
+    pub(crate) portals: &'a [bool],
+}
+
+impl Keeping<'_> {
+    /// Returns whether rows change at all.
+    pub(crate) fn changes(&self) -> bool {
+        self.min_factor > 0.0 || self.form == Form::Compact
+    }
+
+    fn is_portal(&self, column: i32) -> bool {
+        self.portals
+            .get(column.cast_unsigned() as usize)
+            .copied()
+            .unwrap_or(false)
+    }
+
+    /// Sum of a row's entries that may change, and their sum without the small ones.
+    fn sums(&self, part: &Part, start: usize) -> (f64, f64) {
+        if self.portals.is_empty() {
+            return sums(part.data.tail(start), self.min_factor);
+        }
+        let entries = part.indices[start..].iter().zip(part.data.tail(start));
+        let changing = entries.filter(|&(&column, _)| !self.is_portal(column));
+        changing.fold((0.0, 0.0), |(whole, kept), (_, factor)| {
+            (
+                whole + factor,
+                if factor >= self.min_factor { kept + factor } else { kept },
+            )
+        })
+    }
+
+    /// A form factor as stored.
+    fn stored(&self, factor: f64) -> f64 {
+        // The least of any part's codes, where some stand for more.
+        let is_raised = self.form == Form::Compact && !self.portals.is_empty() && factor > 0.0;
+        let least = if is_raised { compact::LEAST_RAISED } else { 0.0 };
+        self.form.round(factor.max(least))
+    }
+}
+
 /// Leaves small entries out of the last row of a part, from `start` on, and rounds the others. Updates `error`, the
 /// row's expected error.
-pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, error: &mut f32) -> RowChange {
-    let (whole, kept) = sums(part.data.tail(start), min_factor);
+pub(crate) fn keep(part: &mut Part, start: usize, keeping: Keeping<'_>, error: &mut f32) -> RowChange {
+    let min_factor = keeping.min_factor;
+    let (whole, kept) = keeping.sums(part, start);
     let cut = if min_factor > 0.0 {
         SmallEntryRule::new(whole, kept, min_factor, MAX_SCALE)
     } else {
         SmallEntryRule::default()
     };
     let mut end = start;
-    let mut squares = 0.0;
+    let (mut squares, mut stays) = (0.0, 0.0);
     for place in start..part.data.len() {
-        let factor = part.data.at(place);
-        let stored = form.round(cut.of(factor));
+        let (column, factor) = (part.indices[place], part.data.at(place));
+        let is_portal = keeping.is_portal(column);
+        let stored = keeping.stored(if is_portal { factor } else { cut.of(factor) });
         squares += (stored - factor).powi(2);
-        if cut.keeps(factor) {
-            part.indices[end] = part.indices[place];
+        stays += if is_portal { factor } else { 0.0 };
+        if is_portal || cut.keeps(factor) {
+            part.indices[end] = column;
             part.data.set(end, stored);
             end += 1;
         }
@@ -124,6 +181,7 @@ pub(crate) fn keep(part: &mut Part, start: usize, min_factor: f64, form: Form, e
     }
     RowChange {
         whole,
+        stays,
         dropped: if cut.least > 0.0 { whole - kept } else { 0.0 },
         entries_dropped,
         kept_whole: kept < whole && cut.least == 0.0,
@@ -151,13 +209,13 @@ impl PartThinning {
 
     /// Adds a row of a part, in the order of work.
     pub(crate) fn add(&mut self, part: &Part, row: usize, area: f64, change: &RowChange) {
-        self.mass += area * change.whole;
+        self.mass += area * (change.whole + change.stays);
         self.dropped += area * change.dropped;
         self.entries_dropped += change.entries_dropped;
         self.rows_kept_whole += u64::from(change.kept_whole);
         self.scale_max = self.scale_max.max(change.scale);
         if let Some(target) = target_of(part, row) {
-            self.before.add(change.whole, target);
+            self.before.add(change.whole + change.stays, target);
             let stored: f64 = part.row(row).1.iter().sum();
             self.after.add(stored, target);
         }
@@ -208,16 +266,11 @@ impl PartThinning {
     }
 
     /// The inverse of [`Self::numbers`].
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "numbers of entries and rows"
-    )]
     pub(crate) fn from_numbers(numbers: [f64; Self::LENGTH]) -> Self {
-        let [entries, whole, scale_max, mass, dropped, a, b, c, d, e, f] = numbers;
+        let [entries, kept, scale_max, mass, dropped, a, b, c, d, e, f] = numbers;
         Self {
-            entries_dropped: entries as u64,
-            rows_kept_whole: whole as u64,
+            entries_dropped: whole::to_u64(entries),
+            rows_kept_whole: whole::to_u64(kept),
             scale_max,
             mass,
             dropped,
@@ -231,6 +284,14 @@ impl PartThinning {
 mod tests {
     use super::*;
 
+    fn of(min_factor: f64, form: Form) -> Keeping<'static> {
+        Keeping {
+            min_factor,
+            form,
+            portals: &[],
+        }
+    }
+
     fn part(data: &[f32]) -> Part {
         Part {
             indices: (0..).step_by(2).take(data.len()).collect(),
@@ -243,7 +304,7 @@ mod tests {
     fn the_others_share_what_is_left_out() {
         let mut row = part(&[9.0, 0.5, 0.01, 0.3, 0.02, 0.17]);
         let mut error = 0.3f32;
-        let change = keep(&mut row, 1, 0.05, Form::Plain, &mut error);
+        let change = keep(&mut row, 1, of(0.05, Form::Plain), &mut error);
         assert_eq!(row.indices, [0, 2, 6, 10]);
         let sum: f64 = row.data.tail(1).iter().sum();
         assert!((sum - 1.0).abs() < 1e-7 && (change.whole - 1.0).abs() < 1e-7);
@@ -260,7 +321,7 @@ mod tests {
     fn a_row_that_would_lose_too_much_keeps_all() {
         let mut row = part(&[0.5, 0.04, 0.04, 0.04, 0.04]);
         let mut error = f32::NAN;
-        let change = keep(&mut row, 0, 0.05, Form::Plain, &mut error);
+        let change = keep(&mut row, 0, of(0.05, Form::Plain), &mut error);
         assert_eq!((row.data.len(), change.kept_whole, change.dropped), (5, true, 0.0));
         assert!(error.is_nan());
     }
@@ -269,16 +330,33 @@ mod tests {
     fn nothing_changes_in_the_plain_form_without_a_least_factor() {
         let mut row = part(&[0.1, 1e-20, 0.7]);
         let (before, mut error) = (row.clone(), 0.25);
-        let change = keep(&mut row, 0, 0.0, Form::Plain, &mut error);
+        let change = keep(&mut row, 0, of(0.0, Form::Plain), &mut error);
         assert_eq!((row, error), (before, 0.25));
         assert!(!change.kept_whole && change.entries_dropped == 0);
+    }
+
+    /// Columns 0, 2, 4, 6: the second is a mirror.
+    #[test]
+    fn mirrors_keep_their_entries_and_what_they_hand_on() {
+        let mut row = part(&[0.6, 0.01, 0.02, 3.0]);
+        let portals = [false, false, true, false, false, false, true];
+        let keeping = Keeping {
+            min_factor: 0.05,
+            form: Form::Plain,
+            portals: &portals,
+        };
+        let change = keep(&mut row, 0, keeping, &mut 0.0);
+        assert_eq!(row.indices, [0, 2, 6]);
+        assert!((row.data.at(0) - 0.62).abs() < 1e-7, "the others sum to what they did");
+        assert_eq!((row.data.at(1), row.data.at(2)), (f64::from(0.01f32), 3.0));
+        assert_eq!(change.entries_dropped, 1);
     }
 
     #[test]
     fn rounding_is_in_the_expected_error() {
         let mut row = part(&[0.1, 0.2]);
         let mut error = 0.0;
-        keep(&mut row, 0, 0.0, Form::Compact, &mut error);
+        keep(&mut row, 0, of(0.0, Form::Compact), &mut error);
         assert!(row.data != [0.1, 0.2][..]);
         let off = [0.1f32, 0.2].map(|factor| Form::Compact.round(factor.into()) - f64::from(factor));
         assert!((f64::from(error) - (off[0].powi(2) + off[1].powi(2)).sqrt()).abs() < 1e-10);

@@ -201,7 +201,9 @@ fn require_factors(factors: FactorSlice<'_>, form: Form, end: f32) -> Result<(),
     }
     let mut singles = factors.to_single().into_iter();
     singles
-        .find(|&factor| compact::code(factor).is_none())
+        .find(|&factor| {
+            compact::code(factor).is_none() && (end <= FACTOR_END || compact::code(factor / compact::RAISED).is_none())
+        })
         .map_or(Ok(()), |bad| {
             Err(format!(
                 "has the form factor {bad}, which the compact form cannot hold,"

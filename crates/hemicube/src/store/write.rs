@@ -503,13 +503,20 @@ fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Resu
             npz.array("indices", &[entries], &part.indices)?;
         }
         Form::Compact => {
-            npz.preamble(b"run", rows, columns)?;
             let misfit = || io::Error::other("a form factor does not fit the compact form");
             let FactorSlice::Single(factors) = part.data.as_slice() else {
                 return Err(misfit());
             };
-            let codes: Option<Vec<u16>> = factors.iter().map(|&factor| compact::code(factor)).collect();
-            npz.array("codes", &[entries], &codes.ok_or_else(misfit)?)?;
+            let codes = |scale: f32| -> Option<Vec<u16>> {
+                let codes = factors.iter().map(|&factor| compact::code(factor / scale));
+                codes.collect()
+            };
+            let (format, codes): (&[u8; 3], _) = match codes(1.0) {
+                Some(codes) => (b"run", codes),
+                None => (b"r15", codes(compact::RAISED).ok_or_else(misfit)?),
+            };
+            npz.preamble(format, rows, columns)?;
+            npz.array("codes", &[entries], &codes)?;
             let runs = compact::Runs::new(&part.indptr, &part.indices);
             let count = runs.gaps.len() as u64;
             npz.array("gaps", &[count], &runs.gaps)?;

@@ -23,11 +23,15 @@
 //! - `*PART`, `*INSTANCE`: placed (translation, then rotation); sets and surfaces of several instances have the
 //!   instance's name before them
 //! - `*INCLUDE` and `INPUT=`: files in the folder of the scene or beneath, each once
-//! - `*SYSTEM`, cylindrical nodes, `*NGEN`, `*ELGEN` and their like, combined surfaces: an error
+//! - `*SYSTEM`, cylindrical nodes, `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`, `*ELCOPY`: nodes and elements made by rule, as
+//!   written out; parabolas, arcs of half a turn, poles, spherical coordinates, `*NMAP` and reflected solids are an error.
+//!   CalculiX knows none of these
+//! - `*SURFACE, COMBINE=` and `CROP`: nothing of its own, since its sides are in the surfaces that it is made of
 //! - everything else: skipped
 //!
 //! Names are the same in upper and lower case. By a reader of our own: no crate reads these files.
 
+mod generate;
 mod lines;
 mod model;
 mod resolve;
@@ -53,7 +57,7 @@ use std::path::Path;
 /// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let text = crate::text::unmarked(bytes)?;
-    let (model, size) = lines::read(text, base_dir)?;
+    let (model, size) = lines::read(text, base_dir, options)?;
     resolve::scene(model, Bounds::new(size, options))
 }
 

@@ -52,7 +52,6 @@ pub(crate) struct Arguments {
         long,
         value_name = "auto|on|off",
         default_value = "auto",
-        hide_possible_values = true,
         help_heading = "Hemicubes",
         hide_short_help = true
     )]
@@ -71,7 +70,6 @@ pub(crate) struct Arguments {
         long = "patches",
         value_name = "KIND",
         default_value = "triangle",
-        hide_possible_values = true,
         help_heading = "Rows and columns"
     )]
     pub(crate) kind: Kind,
@@ -84,7 +82,6 @@ pub(crate) struct Arguments {
         long,
         value_name = "auto|plain|compact|double",
         default_value = "auto",
-        hide_possible_values = true,
         help_heading = "What is kept"
     )]
     pub(crate) store: StoreForm,

@@ -36,10 +36,13 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
     Ok((store, solution))
 }
 
-/// Radiosities by triangle in W/m², and the temperatures of sky, ground and backs in kelvin.
+/// Radiosities by triangle in W/m², and the temperatures of sky and ground in kelvin.
 pub(super) struct Heat {
     radiosity: Vec<f64>,
-    outside: [f64; 3],
+    /// True if surfaces are black, and mirrors and panes emit what they absorb; otherwise radiosities are what leaves
+    /// diffusely.
+    is_of_kept: bool,
+    outside: [f64; 2],
 }
 
 impl Heat {
@@ -82,8 +85,8 @@ impl Heat {
                 Some(grouping) => grouping.spread(&radiosity),
                 None => radiosity,
             },
-            // Backs exchange nothing in `solve`: what a sensor meets there counts as what lay outside.
-            outside: [sky, ground, ambient.unwrap_or(ground)],
+            is_of_kept: false,
+            outside: [sky, ground],
         })
     }
 
@@ -116,7 +119,8 @@ impl Heat {
         }
         if let Some((name, count)) = without.iter().next() {
             bail!(
-                "`{}` has no temperature for the object `{name}`, {}, nor for {} more; a line `*,KELVIN` is for all others",
+                "`{}` has no temperature for the object `{name}`, {}, nor for {} more; a line `*,KELVIN` is for all \
+                 others",
                 path.display(),
                 counted(*count, "patch"),
                 counted(without.len() as u64 - 1, "object"),
@@ -137,16 +141,16 @@ impl Heat {
         let ground = arguments.ground_temperature.unwrap_or(sky);
         Ok(Self {
             radiosity,
-            outside: [sky, ground, ground],
+            is_of_kept: true,
+            outside: [sky, ground],
         })
     }
 
     /// Refuses rows that see what has no temperature.
     pub(super) fn require_outside<'a>(&self, mut rows: impl Iterator<Item = &'a SensorRow>) -> Result<()> {
-        let [sky, ground, backs] = self.outside;
+        let [sky, ground] = self.outside;
         let is_seen = |share: f64, kelvin: f64| share > 0.0 && kelvin.is_nan();
-        let sees =
-            |row: &&SensorRow| is_seen(row.sky, sky) || is_seen(row.ground, ground) || is_seen(row.blocked, backs);
+        let sees = |row: &&SensorRow| is_seen(row.sky, sky) || is_seen(row.ground, ground);
         match rows.find(sees) {
             None => Ok(()),
             Some(_) => Err(hinted(
@@ -158,7 +162,14 @@ impl Heat {
 
     /// The mean radiant temperature of a row in kelvin.
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
-        row.mean_radiant_temperature(&self.radiosity, self.outside)
+        let [sky, ground] = self.outside;
+        // Backs exchange nothing in `solve`, and have no temperature here.
+        let outside = [sky, ground, f64::NAN];
+        if self.is_of_kept && !row.passed.is_empty() {
+            row.kept().mean_radiant_temperature(&self.radiosity, outside)
+        } else {
+            row.mean_radiant_temperature(&self.radiosity, outside)
+        }
     }
 }
 

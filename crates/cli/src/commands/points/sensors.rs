@@ -11,6 +11,7 @@ use glam::DVec3;
 use hemicube::diagnose::{Place, places};
 use hemicube::frame::Horizon;
 use hemicube::points::Sensor;
+use hemicube::portal::Portals;
 use hemicube::sky::SensorPoint;
 use std::path::Path;
 
@@ -21,7 +22,7 @@ pub(super) struct Listed {
     pub(super) lines: Vec<u64>,
 }
 
-/// Where the sensors come from.
+/// Origin of the sensors.
 pub(super) enum Source {
     Listed(Listed),
     Grid(super::grid::Grid),
@@ -135,6 +136,25 @@ impl Sensors {
             raster,
             horizon: *horizon,
         })
+    }
+
+    /// Refuses points beyond a period.
+    ///
+    /// # Errors
+    /// Names the first of them.
+    pub(super) fn require_within(&self, portals: &Portals) -> Result<()> {
+        let Some(images) = &portals.images else { return Ok(()) };
+        let Some(at) = self.items.iter().position(|sensor| !images.holds(sensor.position)) else {
+            return Ok(());
+        };
+        let place = match self.lines.get(at) {
+            Some(line) => format!("the point of line {line}"),
+            None => format!("point {at}"),
+        };
+        Err(hinted(
+            anyhow!("{place}, at {}, lies outside the period", self.items[at].position),
+            "what it sees is what the point sees that lies a period further in: give that one",
+        ))
     }
 
     /// Warns of points that are not in the open, by place.

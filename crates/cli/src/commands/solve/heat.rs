@@ -9,7 +9,7 @@ use crate::report::{count, counted, figures, percent};
 use crate::stored;
 use anyhow::{Result, anyhow, bail};
 use hemicube::analysis::exchange::Network;
-use hemicube::analysis::surfaces::heat_by_surface;
+use hemicube::analysis::surfaces::{MatrixTables, heat_by_surface};
 use hemicube::sky::StoredSky;
 use hemicube::solve::{
     Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Problem, Properties, Solution, SolveError,
@@ -92,7 +92,8 @@ impl Exchange {
     pub(super) fn new(
         arguments: &Arguments,
         store: &Store,
-        (table, rows): (&PatchTable, &RowTable),
+        table: &PatchTable,
+        rows: &RowTable,
         properties: &Properties,
     ) -> Result<Self> {
         let thermal = properties.thermal().map_err(materials::told)?;
@@ -150,13 +151,13 @@ impl Exchange {
             thermal,
         };
         if by.is_some() || !exchange.thermal.iter().any(is_known) {
-            exchange.find_enclosures(&OutOfCore::new(store, arguments.memory / 2)?, (table, rows))?;
+            exchange.find_enclosures(&OutOfCore::new(store, arguments.memory / 2)?, table, rows)?;
         }
         Ok(exchange)
     }
 
     /// Finds the enclosures, and refuses those without a temperature.
-    fn find_enclosures(&mut self, factors: &OutOfCore<'_>, (table, rows): (&PatchTable, &RowTable)) -> Result<()> {
+    fn find_enclosures(&mut self, factors: &OutOfCore<'_>, table: &PatchTable, rows: &RowTable) -> Result<()> {
         let found = enclosures(factors)?;
         let named = Named {
             objects: &self.manifest.objects,
@@ -170,7 +171,7 @@ impl Exchange {
     }
 
     /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
-    pub(super) fn question(&self, arguments: &Arguments, (table, rows): (&PatchTable, &RowTable), talk: Talk) {
+    pub(super) fn question(&self, arguments: &Arguments, table: &PatchTable, rows: &RowTable, talk: Talk) {
         let mut cold: Vec<String> = Vec::new();
         for kind in self.thermal.iter().filter(|kind| kind.is_used) {
             if let Condition::Temperature(given) = kind.condition
@@ -293,11 +294,19 @@ impl Exchange {
             })
             .collect();
         let outside = self.heat.outside.as_deref();
-        let names = [&*self.manifest.objects, &*self.manifest.materials];
-        let of = (table, rows, names);
+        let of = MatrixTables {
+            patches: table,
+            rows,
+            names: [&self.manifest.objects, &self.manifest.materials],
+        };
         let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
         let enclosures = self.enclosures.as_ref();
-        Some(Results::new(by, surfaces, balance, enclosures.map(|found| (found, of))).with_emissivities(self.of_scene))
+        let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
+        Some(
+            Results::new(by, surfaces, balance, enclosures.map(|found| (found, of)))
+                .with_residual(residual)
+                .with_emissivities(self.of_scene),
+        )
     }
 }
 

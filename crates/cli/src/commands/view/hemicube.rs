@@ -20,6 +20,7 @@ use hemicube::portal::Specular;
 use hemicube::portal::sight::{PathEnd, ThroughPortals};
 use hemicube::store::Store;
 use hemicube::{Grouping, InputPatch};
+use hemicube_spatial::whole;
 use std::path::PathBuf;
 
 /// Part of a pixel's colour that is of what is seen in a mirror or through a pane.
@@ -50,12 +51,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) count: Option<u64>,
     /// ids: which patch a pixel sees; depth; delta: what it weighs; occlusion: how many patches lie behind it
-    #[arg(
-        long,
-        value_name = "ids|depth|delta|occlusion",
-        default_value = "ids",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "ids|depth|delta|occlusion", default_value = "ids")]
     pub(crate) show: Show,
     /// Cut the scene as this matrix's was
     #[arg(
@@ -244,7 +240,7 @@ struct Rendered {
     show: Show,
     resolution: u32,
     items: Items,
-    /// What pixels that show a mirror or a pane see behind it; empty without any.
+    /// Views of pixels that show a mirror or a pane behind it; empty without any.
     behind: Vec<Option<PathEnd>>,
     table: DeltaTable,
     /// For depth and occlusion.
@@ -318,13 +314,7 @@ impl Rendered {
         };
         std::array::from_fn(|k| {
             let mixed = (1.0 - BEHIND) * f64::from(own[k]) + BEHIND * f64::from(behind[k]);
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "between two bytes"
-            )]
-            let mixed = mixed.round() as u8;
-            mixed
+            whole::to_u8(mixed.round())
         })
     }
 

@@ -23,12 +23,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// In which order rows and columns are: of the file, or of the work (neighbours side by side)
-    #[arg(
-        long,
-        value_name = "input|work",
-        default_value = "input",
-        hide_possible_values = true
-    )]
+    #[arg(long, value_name = "input|work", default_value = "input")]
     pub(crate) order: Order,
     /// Cells along an edge, at most
     #[arg(long, value_name = "N", default_value = "640", value_parser = clap::value_parser!(u32).range(16..=4096))]

@@ -92,6 +92,13 @@ impl MeasuredPair {
     };
 }
 
+/// A pair whose fraction rays measure, to an expected error of its exchange area.
+struct PairOfRays {
+    pair: TrianglePair,
+    seed: u64,
+    enough: f64,
+}
+
 /// Pairs measured so far at a tolerance, by patches.
 #[derive(Debug)]
 pub(super) struct PairTable {
@@ -221,7 +228,7 @@ impl Refiner<'_> {
             }
             let place = table.as_ref().and_then(|table| table.place(emitter.patch.0, patch));
             let known = place.and_then(|place| table.as_ref()?.get(place));
-            let measured = known.unwrap_or_else(|| self.measure_to_a_bound(emitter, (obstacles, &bodies), patch));
+            let measured = known.unwrap_or_else(|| self.measure_to_a_bound(emitter, obstacles, &bodies, patch));
             if let (None, Some(place), Some(table)) = (known, place, &table) {
                 table.set(place, measured);
             }
@@ -246,7 +253,8 @@ impl Refiner<'_> {
     fn measure_to_a_bound(
         &mut self,
         emitter: &Emitter<'_>,
-        (obstacles, bodies): (Obstacles<'_>, &Bodies),
+        obstacles: Obstacles<'_>,
+        bodies: &Bodies,
         patch: u32,
     ) -> MeasuredPair {
         let corners = emitter.model.normalised_corners(patch);
@@ -279,16 +287,19 @@ impl Refiner<'_> {
         } else {
             STEPS_OF_SHADOWS * listed * listed
         };
-        let seed = seed(emitter.patch.0, patch);
-        let by_rays = (pair, seed, RAYS_SHARE * bound.enough);
+        let by_rays = PairOfRays {
+            pair,
+            seed: seed(emitter.patch.0, patch),
+            enough: RAYS_SHARE * bound.enough,
+        };
         if self.cast_to(obstacles, &by_rays, most_steps, &mut measured) {
             return measured;
         }
-        let pair = &by_rays.0;
+        let pair = &by_rays.pair;
         #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
         if let Some(blocked) = self
             .critical
-            .measure(&self.shaft, (obstacles.regions, bodies), pair, bound)
+            .measure(&self.shaft, obstacles.regions, bodies, pair, bound)
         {
             measured.fraction = (1.0 - blocked.exchange / exchange_area).clamp(0.0, 1.0);
             measured.error = blocked.error as f32;
@@ -304,10 +315,11 @@ impl Refiner<'_> {
     fn cast_to(
         &self,
         obstacles: Obstacles<'_>,
-        (pair, seed, enough): &(TrianglePair, u64, f64),
+        by_rays: &PairOfRays,
         most_steps: u64,
         measured: &mut MeasuredPair,
     ) -> bool {
+        let PairOfRays { pair, seed, enough } = by_rays;
         let mut cast = Cast::default();
         let mut wanted = FIRST_RAYS;
         // At first, a quarter of what all may cost: most of these rays are lost where they do not do.

@@ -56,9 +56,10 @@ impl Tally {
 
 /// The columns that a row has, or that have the row, ascending: column, F\[row, column\], F\[column, row\].
 pub(crate) fn merge<'a>(
-    (columns, factors): (&'a [i32], FactorSlice<'a>),
+    row: (&'a [i32], FactorSlice<'a>),
     records: &'a [Record],
 ) -> impl Iterator<Item = (u32, Option<f64>, Option<f64>)> + 'a {
+    let (columns, factors) = row;
     let mut forward = columns
         .iter()
         .map(|column| column.cast_unsigned())

@@ -206,7 +206,8 @@ impl CriticalCells {
     pub(crate) fn measure(
         &mut self,
         shaft: &Shaft,
-        (regions, bodies): (&CoplanarRegions, &Bodies),
+        regions: &CoplanarRegions,
+        bodies: &Bodies,
         pair: &TrianglePair,
         bound: Bound,
     ) -> Option<BlockedExchange> {
@@ -218,7 +219,7 @@ impl CriticalCells {
         let tolerance = regions.tree.plane_tolerance;
         (self.slack, self.beside) = (ROUNDING * sides.size.powi(3), BESIDE * sides.size);
         let normals = [sides.emitter_normal, sides.receiver_normal];
-        self.list_occluders(shaft, (regions, bodies), pair, normals)?;
+        self.list_occluders(shaft, regions, bodies, pair, normals)?;
         if !pair.receiver_is_smaller {
             for triangle in &pair.coplanar {
                 self.push_occluder(Polygon::of(triangle), false, NO_BODY);
@@ -315,7 +316,8 @@ impl CriticalCells {
     fn list_occluders(
         &mut self,
         shaft: &Shaft,
-        (regions, bodies): (&CoplanarRegions, &Bodies),
+        regions: &CoplanarRegions,
+        bodies: &Bodies,
         pair: &TrianglePair,
         normals: [DVec3; 2],
     ) -> Option<()> {
@@ -1085,7 +1087,7 @@ mod tests {
                     most_points: 1_000_000,
                 };
                 let found = cells
-                    .measure(&shaft, (regions, &bodies), &pair, bound)
+                    .measure(&shaft, regions, &bodies, &pair, bound)
                     .expect("a measurement");
                 visible += unoccluded - found.exchange;
                 error += found.error;
@@ -1221,7 +1223,7 @@ mod tests {
                 most_points,
             };
             CriticalCells::default()
-                .measure(&shaft, (regions, &bodies), &pair, bound)
+                .measure(&shaft, regions, &bodies, &pair, bound)
                 .expect("a measurement")
         });
         let [short, whole] = measured;

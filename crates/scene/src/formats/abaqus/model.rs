@@ -1,5 +1,6 @@
 //! What a file says: parts with nodes and elements, instances of them, sets, surfaces and sections; and where.
 
+use super::generate::Places;
 use crate::mesh::Shape;
 use crate::{Error, Findings};
 use glam::{DAffine3, DVec3};
@@ -55,6 +56,7 @@ impl Kind {
 }
 
 /// Elements of one kind, one after the other.
+#[derive(Clone, Copy)]
 pub(super) struct Block {
     pub(super) kind: Kind,
     /// The place of its first element.
@@ -74,6 +76,9 @@ pub(super) struct Part {
     pub(super) lines: Vec<u32>,
     /// Numbers of the nodes at corners.
     pub(super) corners: Vec<u32>,
+    /// Where nodes and elements are, for rules that name them.
+    pub(super) node_places: Places,
+    pub(super) places: Places,
 }
 
 /// A part at a place.
