@@ -604,8 +604,8 @@ impl CriticalCells {
                 return true;
             }
         }
-        let others = self.relevant[relevant.clone()].iter().filter(|m| !line.of.contains(m));
-        others.into_iter().any(|&m| {
+        let mut others = self.relevant[relevant.clone()].iter().filter(|m| !line.of.contains(m));
+        others.any(|&m| {
             let Occluder { outline, normal } = &self.occluders[m as usize];
             let heights = ends.map(|x| normal.dot(x - outline.corners()[0]));
             if heights[0] * heights[1] <= 0.0 || (self.is_face[m as usize] && heights[0] < 0.0) {
