@@ -12,6 +12,7 @@ use crate::Model;
 use crate::backend::{Geometry, Surface};
 use crate::bvh::Tree;
 use crate::geometry::cross;
+use crate::visibility::wide::WideTree;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::collections::{HashMap, HashSet};
@@ -33,6 +34,8 @@ const SAME_AREA: f64 = 1e-9;
 pub(crate) struct CoplanarRegions {
     /// Over the triangles that regions fall into. The ids in its blocks are those of regions, not of patches.
     pub(crate) tree: Tree,
+    /// The same boxes and blocks, for segments.
+    pub(crate) wide: WideTree,
     /// The region of each patch.
     pub(crate) of_patch: Vec<u32>,
     /// Each region's corners, counter-clockwise, from `corner_start[region]` on.
@@ -111,6 +114,7 @@ impl CoplanarRegions {
     fn none(geometry: &Geometry) -> Self {
         Self {
             tree: Tree::empty(0, 0, geometry.plane_tolerance),
+            wide: WideTree::default(),
             of_patch: vec![u32::MAX; geometry.patch_count as usize],
             corners: Vec::new(),
             corner_start: vec![0],
@@ -140,6 +144,7 @@ impl CoplanarRegions {
             }));
         }
         self.tree = Tree::of_surfaces(&triangles, self.len(), self.tree.plane_tolerance);
+        self.wide = WideTree::of(&self.tree);
     }
 
     fn push(&mut self, surfaces: &[Surface], pieces: &[u32], wall: &Wall) {
