@@ -47,8 +47,8 @@ pub(crate) struct Segments<'a> {
     pub(crate) more_steps: u64,
 }
 
-/// Blocks on a segment's way that [`super::shaft::STEPS_A_SEGMENT`] pays for, and steps of each further one: where thousands of
-/// triangles lie in one place, every segment to it meets all their blocks. A choice; measured.
+/// Blocks on a segment's way that [`super::shaft::STEPS_A_SEGMENT`] pays for, and steps of each further one: where
+/// thousands of triangles lie in one place, every segment to it meets all their blocks. A choice; measured.
 const USUAL_BLOCKS: u64 = 64;
 const STEPS_A_FURTHER_BLOCK: u64 = 100;
 
