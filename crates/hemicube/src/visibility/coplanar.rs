@@ -266,7 +266,7 @@ impl Mesh {
         let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
         let heights = region.iter().flat_map(|&s| surfaces[s as usize].corners);
         let above = heights.map(|p| normal.dot(p - middle).abs()).fold(0.0, f64::max);
-        (above <= rough).then(|| Wall {
+        (above <= rough).then_some(Wall {
             unevenness: above + beside,
             corners,
         })
