@@ -170,16 +170,19 @@ fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
     }
 }
 
-/// Sums over edges of Lambert's terms, eight edges at a time, with two weights each.
+/// Number of weights of an edge: two rules and three null rules.
+pub(crate) const RULES: usize = 5;
+
+/// Sums over edges of Lambert's terms, eight edges at a time, with [`RULES`] weights each.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct EdgeTerms {
     from: [[f64; LANES]; 3],
     to: [[f64; LANES]; 3],
-    weights: [[f64; 2]; LANES],
+    weights: [[f64; RULES]; LANES],
     filled: usize,
     normal: [f64; 3],
-    sums: [f64; 2],
+    sums: [f64; RULES],
 }
 
 impl Default for EdgeTerms {
@@ -187,10 +190,10 @@ impl Default for EdgeTerms {
         Self {
             from: [[0.0; LANES]; 3],
             to: [[0.0; LANES]; 3],
-            weights: [[0.0; 2]; LANES],
+            weights: [[0.0; RULES]; LANES],
             filled: 0,
             normal: [0.0; 3],
-            sums: [0.0; 2],
+            sums: [0.0; RULES],
         }
     }
 }
@@ -199,12 +202,12 @@ impl EdgeTerms {
     /// Begins elements of a unit normal.
     pub(crate) fn begin(&mut self, normal: glam::DVec3) {
         self.normal = normal.to_array();
-        (self.filled, self.sums) = (0, [0.0; 2]);
+        (self.filled, self.sums) = (0, [0.0; RULES]);
     }
 
     /// Adds the edge from `p` to `q`, seen from an element at the origin.
     #[inline]
-    pub(crate) fn push(&mut self, p: glam::DVec3, q: glam::DVec3, weights: [f64; 2]) {
+    pub(crate) fn push(&mut self, p: glam::DVec3, q: glam::DVec3, weights: [f64; RULES]) {
         let l = self.filled;
         for k in 0..3 {
             self.from[k][l] = p[k];
@@ -218,7 +221,7 @@ impl EdgeTerms {
     }
 
     /// The weighted sums of factors, and begins new ones.
-    pub(crate) fn finish(&mut self) -> [f64; 2] {
+    pub(crate) fn finish(&mut self) -> [f64; RULES] {
         self.flush();
         std::mem::take(&mut self.sums).map(|sum| sum * (-0.5 * std::f64::consts::FRAC_1_PI))
     }
@@ -227,8 +230,9 @@ impl EdgeTerms {
         let mut terms = [0.0; LANES];
         terms_by(InstructionSet::widest(), self.normal, &self.from, &self.to, &mut terms);
         for (term, weights) in terms.iter().zip(&self.weights[..self.filled]) {
-            self.sums[0] += term * weights[0];
-            self.sums[1] += term * weights[1];
+            for (sum, weight) in self.sums.iter_mut().zip(weights) {
+                *sum += term * weight;
+            }
         }
         self.filled = 0;
     }
