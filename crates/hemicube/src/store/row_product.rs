@@ -373,6 +373,7 @@ mod tests {
                 gaps: &self.gaps,
                 lengths: &self.lengths,
                 codes: &self.codes,
+                scale: 1.0,
             }
         }
     }
@@ -468,6 +469,7 @@ mod tests {
                 gaps: &[0, 0, 1, 0],
                 lengths: &lengths,
                 codes: &codes,
+                scale: 1.0,
             };
             assert_eq!(
                 dot(row, &x, &mut scratch),
