@@ -1,18 +1,21 @@
 #!/usr/bin/env bash
 # Builds the wheels of the Python package for Linux: one a processor, for every Python from 3.10 on (abi3).
 #
-#   scripts/wheels.sh FOLDER [PROCESSOR ...]     PROCESSOR: x86_64 or aarch64; both without any
-#   scripts/wheels.sh --check [PROCESSOR ...]    compile what would be in them up to the linking, in a fraction of the time
+#   scripts/wheels.sh FOLDER [PROCESSOR ...]           PROCESSOR: x86_64 or aarch64; both without any
+#   scripts/wheels.sh --quick FOLDER [PROCESSOR ...]   with little optimisation, in a fraction of the time: to be tried, not kept
 #
 # maturin and Zig come from PyPI into the target folder, Rust's standard library for the other processor from rustup.
 # Zig links against glibc 2.17 on any machine (manylinux2014). A processor whose wheel cannot be built has a line
 # `SKIP PROCESSOR: the reason`, and the script ends with 3; HEMICUBE_REQUIRE_WHEELS=1 makes that a failure, 1.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-[ $# -ge 1 ] || { printf 'usage: scripts/wheels.sh FOLDER|--check [x86_64|aarch64 ...]\n' >&2; exit 2; }
+usage() { printf 'usage: scripts/wheels.sh [--quick] FOLDER [x86_64|aarch64 ...]\n' >&2; exit 2; }
+if [ "${1:-}" = --quick ]; then
+    shift
+    export CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_DEBUG=false
+fi
+case "${1:-}" in "" | -*) usage ;; esac
 folder=$1
-check=
-[ "$folder" != --check ] || check=1
 shift
 [ $# -gt 0 ] || set -- x86_64 aarch64
 for processor in "$@"; do
@@ -28,10 +31,8 @@ ensure_rust
 target=${CARGO_TARGET_DIR:-target}
 mkdir -p "$target"
 target=$(cd "$target" && pwd)
-if [ -z "$check" ]; then
-    mkdir -p "$folder"
-    folder=$(cd "$folder" && pwd)
-fi
+mkdir -p "$folder"
+folder=$(cd "$folder" && pwd)
 
 skipped=
 skip() {
@@ -55,21 +56,6 @@ for processor in "$@"; do
     if ! [ -d "$(rustc --print sysroot)/lib/rustlib/$triple/lib" ] &&
         ! { command -v rustup >/dev/null 2>&1 && rustup target add "$triple" >&2; }; then
         skip "$processor" "Rust's standard library for $triple is not there, and rustup cannot bring it"
-        continue
-    fi
-    if [ -n "$check" ]; then
-        # Zig compiles the C that crates bring. Their Rust is checked, not linked.
-        compiler=$tools/zig-cc-$processor
-        printf '#!/bin/sh\nexec "%s" -m ziglang cc -target %s-linux-gnu.2.17 "$@"\n' "$tools/bin/python" "$processor" >"$compiler"
-        printf '#!/bin/sh\nexec "%s" -m ziglang ar "$@"\n' "$tools/bin/python" >"$tools/zig-ar"
-        chmod +x "$compiler" "$tools/zig-ar"
-        name=${triple//-/_}
-        if ! env "CC_$name=$compiler" "AR_$name=$tools/zig-ar" "CRATE_CC_NO_DEFAULTS_$name=1" \
-            cargo check --release --locked --target "$triple" --package hemicube-python >&2; then
-            printf 'error: the wheel for %s would not build\n' "$processor" >&2
-            exit 1
-        fi
-        printf '%s compiles\n' "$triple"
         continue
     fi
     # The linker comes from the tools' own packages: `--zig` finds `ziglang` beside maturin.

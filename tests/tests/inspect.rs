@@ -275,6 +275,7 @@ fn times_foretold_are_within_twice_the_times_taken() {
     let place = Place::new();
     let mut scenes = Vec::new();
     for (kind, patches) in [
+        ("room", 12),
         ("room", 400),
         ("room", 2_000),
         ("city", 400),

@@ -496,6 +496,56 @@ fn view3ds_own_examples_have_its_numbers() {
     assert!(log.contains("Final view factors:") && log.contains("Name: srf-1, sum of view factors:  0.900000"));
 }
 
+/// A cube with something on its floor, and a plate that obstructs above it.
+fn furnished(covers: &str, rest: &str) -> String {
+    CUBE.replace("C encl=1 list=3", "C encl=0 eps=1e-5")
+        .replace(
+            "S 1 ",
+            "V 9 .25 .25 0\nV 10 .5 .25 0\nV 11 .5 .75 0\nV 12 .25 .75 0\nV 13 .2 .2 .5\nV 14 .8 .2 .5\nV 15 .8 .8 .5\n\
+         V 16 .2 .8 .5\nV 17 .4 .4 .5\nV 18 .6 .4 .5\nV 19 .6 .6 .5\nV 20 .4 .6 .5\nS 1 ",
+        )
+        .replace("End", &format!("{covers}\n{rest}\nEnd"))
+}
+
+#[test]
+fn what_covers_a_part_of_a_surface_has_view3ds_numbers() {
+    let place = Place::new();
+    let found = |scene: &str| {
+        place.write("in.vs3", scene);
+        by_name(&place, "view3d", &["in.vs3", "out.vf"]).is(0);
+        view3d(&text(&place, "out.vf"))
+    };
+    // Row 1 is the floor, from z = 0 up. Figures of View3D 4.0.0 with eps=1e-6.
+    let masked = found(&furnished("M 7 12 11 10 9 1 0 .4 rug", ""));
+    assert_eq!(masked.areas, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.125]);
+    assert_eq!((masked.factors[0][6], masked.factors[6][0]), (0.125, 1.0));
+    assert!(masked.factors[6][1..].iter().all(|&factor| factor == 0.0));
+    let null = found(&furnished("N 7 12 11 10 9 1 0 .4 rug", ""));
+    assert_eq!(null.areas, [0.875, 1.0, 1.0, 1.0, 1.0, 1.0]);
+    let rug = found(&furnished("S 7 9 10 11 12 1 0 .4 rug", ""));
+    for (j, (&masked, &null)) in masked.factors[0][1..6].iter().zip(&null.factors[0][1..6]).enumerate() {
+        // The floor's area has the covered part with a mask, and not with a null surface.
+        assert!((masked - 0.875 * null).abs() < 2e-6, "to {}: {masked}, {null}", j + 1);
+        assert!((null - rug.factors[0][j + 1]).abs() < 2e-6);
+    }
+    // A lamp in the middle of a plate that obstructs and has no row; the plate faces up.
+    let lamp = found(&furnished("S 7 17 18 19 20 8 0 .4 lamp", "O 8 13 14 15 16"));
+    assert_eq!((lamp.areas.len(), lamp.areas[6]), (7, 0.04));
+    let up = lamp.factors[6]
+        .iter()
+        .position(|&factor| factor > 0.5)
+        .expect("it sees the ceiling");
+    assert!((lamp.factors[6][up] - 0.548_287).abs() < 3e-6, "{:?}", lamp.factors[6]);
+    let walls = lamp.factors[6]
+        .iter()
+        .filter(|&&factor| (factor - 0.112_928).abs() < 3e-6)
+        .count();
+    assert_eq!((walls, lamp.factors[6][0]), (4, 0.0));
+    // A line of no element is passed over, as View3D does, and noted in the log.
+    found(&CUBE.replace("F 3\n", "F 3\nglazing 1\n"));
+    assert!(text(&place, "View3D.log").contains("`glazing` begins no element"));
+}
+
 #[test]
 fn view3ds_forms_and_control_lines() {
     let place = Place::new();

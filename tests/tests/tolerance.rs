@@ -82,6 +82,16 @@ fn occluded_pairs_to_a_ten_thousandth() {
 }
 
 #[test]
+fn all_pairs_to_a_millionth() {
+    let Some(cases) = cases("tolerance::all_pairs_to_a_millionth") else {
+        return;
+    };
+    let pairs = pairs(&cases);
+    assert_eq!(pairs.len(), 14);
+    hold_pairs("public pairs", &pairs, 1e-6, &[(AS_IT_IS, WHOLE), (ROTATED, WHOLE)]);
+}
+
+#[test]
 fn the_centroid_alone_breaks_what_the_tolerance_keeps() {
     let Some(pairs) = occluded("tolerance::the_centroid_alone_breaks_what_the_tolerance_keeps") else {
         return;

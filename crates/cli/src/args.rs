@@ -5,6 +5,7 @@ use hemicube::backend::RESOLUTIONS;
 use hemicube::sky::PARTS_MAX;
 use hemicube::store::Shard;
 use hemicube_scene::Axis;
+use hemicube_spatial::whole;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -517,9 +518,15 @@ pub(crate) fn tolerance(text: &str) -> Result<Tolerance, String> {
     }
 }
 
-/// `800M`, `4G`, `1.5 GiB` or a number of bytes.
+/// `800M`, `4G`, `1.5 GiB` or a number of bytes: 1 MB at least.
 fn bytes(text: &str) -> Result<u64, String> {
     let needed = || "a size such as `800M` or `4G` is needed".to_owned();
+    let size = size(text).filter(|size| (1e6..1e18).contains(size));
+    size.map(whole::to_u64).ok_or_else(needed)
+}
+
+/// A number of bytes, with or without a unit; `None` without a number, or with another unit.
+pub(crate) fn size(text: &str) -> Option<f64> {
     let text = text.trim();
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit: f64 = match text[digits.len()..].to_ascii_lowercase().as_str() {
@@ -532,19 +539,9 @@ fn bytes(text: &str) -> Result<u64, String> {
         "mib" => 1_048_576.0,
         "gib" => 1_073_741_824.0,
         "tib" => 1_099_511_627_776.0,
-        _ => return Err(needed()),
+        _ => return None,
     };
-    let number: f64 = digits.trim().parse().map_err(|_| needed())?;
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "held against its range"
-    )]
-    if (1e6..1e18).contains(&(number * unit)) {
-        Ok((number * unit) as u64)
-    } else {
-        Err(needed())
-    }
+    digits.trim().parse::<f64>().ok().map(|number| number * unit)
 }
 
 pub(crate) fn resolution(text: &str) -> Result<Auto, String> {

@@ -9,7 +9,8 @@ use crate::outputs::Paths;
 use crate::report::matrix_of;
 use crate::shell::word;
 use anyhow::{Result, anyhow};
-use clap::error::{ContextKind, ContextValue};
+use clap::builder::StyledStr;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -116,20 +117,25 @@ pub(crate) fn words_for_flags(mut arguments: Vec<OsString>) -> Vec<OsString> {
     arguments
 }
 
-/// Ends the program by its help or its usage. A path in place of a command is said to lack one, a second scene to be one
-/// too many, and hidden commands are not suggested.
+/// Ends the program by its help or its usage. A path in place of a command is said to lack one, a second scene to be
+/// one too many, and hidden commands are not suggested.
 ///
 /// # Errors
 /// For such a path.
-pub(crate) fn misused(mut error: clap::Error, definition: &clap::Command) -> Result<Exit> {
-    if let Some(ContextValue::String(given)) = error.get(ContextKind::InvalidArg)
-        && hemicube_scene::Format::from_path(Path::new(given)).is_some()
-        && Path::new(given).is_file()
-    {
-        return Err(hinted(
-            anyhow!("`{given}` is a second scene, and one is taken"),
-            "for a scene in several files, put them, and nothing else, in a folder, and give the folder",
-        ));
+pub(crate) fn misused(mut error: clap::Error, definition: &clap::Command, arguments: &[OsString]) -> Result<Exit> {
+    if let Some(ContextValue::String(given)) = error.get(ContextKind::InvalidArg) {
+        if hemicube_scene::Format::from_path(Path::new(given)).is_some() && Path::new(given).is_file() {
+            return Err(hinted(
+                anyhow!("`{given}` is a second scene, and one is taken"),
+                "for a scene in several files, put them, and nothing else, in a folder, and give the folder",
+            ));
+        }
+        let tips = tips_on_option(given, definition, arguments);
+        if error.kind() == ErrorKind::UnknownArgument && !tips.is_empty() {
+            error.remove(ContextKind::SuggestedArg);
+            let tips = tips.into_iter().map(StyledStr::from).collect();
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+        }
     }
     let Some(ContextValue::String(given)) = error.get(ContextKind::InvalidSubcommand) else {
         error.exit()
@@ -152,6 +158,48 @@ pub(crate) fn misused(mut error: clap::Error, definition: &clap::Command) -> Res
         }
     }
     error.exit()
+}
+
+/// Advice on an option that a command lacks: its own options with that word in their names, and the other commands that
+/// have it. Empty where neither is known.
+fn tips_on_option(given: &str, definition: &clap::Command, arguments: &[OsString]) -> Vec<String> {
+    let Some(long) = given.strip_prefix("--") else {
+        return Vec::new();
+    };
+    let long = long.split_once('=').map_or(long, |(name, _)| name);
+    let mut command = definition;
+    for word in arguments.iter().skip(1).filter_map(|word| word.to_str()) {
+        match command.find_subcommand(word) {
+            Some(inner) => command = inner,
+            None => break,
+        }
+    }
+    let longs = |command: &clap::Command| -> Vec<String> {
+        let shown = command.get_arguments().filter(|argument| !argument.is_hide_set());
+        shown
+            .filter_map(|argument| argument.get_long())
+            .map(str::to_owned)
+            .collect()
+    };
+    let elsewhere: Vec<String> = definition
+        .get_subcommands()
+        .filter(|other| !other.is_hide_set() && longs(other).iter().any(|known| known == long))
+        .map(|other| format!("`{}`", other.get_name()))
+        .collect();
+    if elsewhere.is_empty() {
+        return Vec::new();
+    }
+    let own: Vec<String> = longs(command)
+        .into_iter()
+        .filter(|known| known.split('-').any(|word| word == long))
+        .map(|known| format!("`--{known}`"))
+        .collect();
+    let mut tips = Vec::new();
+    if !own.is_empty() {
+        tips.push(format!("`{}` has {}", command.get_name(), own.join(", ")));
+    }
+    tips.push(format!("`--{long}` is an option of {}", elsewhere.join(", ")));
+    tips
 }
 
 /// The error of a path in place of a command.
@@ -206,6 +254,24 @@ mod tests {
     #[test]
     fn the_definition_is_sound() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn an_option_of_another_command_is_named_with_that_command() {
+        let definition = Cli::command();
+        let tips = |words: &[&str], given: &str| {
+            let words: Vec<OsString> = words.iter().map(OsString::from).collect();
+            tips_on_option(given, &definition, &words)
+        };
+        let of_rows = tips(&["hemicube", "tradeoff", "a.obj", "--rows", "0..9"], "--rows");
+        assert_eq!(of_rows[0], "`tradeoff` has `--sample-rows`");
+        assert!(
+            of_rows[1].starts_with("`--rows` is an option of `compute`"),
+            "{of_rows:?}"
+        );
+        let of_config = tips(&["hemicube", "sky", "a.obj", "--no-config"], "--no-config");
+        assert_eq!(of_config.len(), 1, "{of_config:?}");
+        assert!(tips(&["hemicube", "sky", "--nonsense"], "--nonsense").is_empty());
     }
 
     #[test]

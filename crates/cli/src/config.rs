@@ -14,6 +14,7 @@ use std::fmt;
 use std::fmt::Write as _;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use strsim::levenshtein;
 use toml::de::{DeTable, DeValue};
 
 /// Flags accepted as settings in files and in the environment.
@@ -563,7 +564,7 @@ fn nearest(name: &str) -> Option<&'static str> {
     let name = name.replace('_', "-").to_ascii_lowercase();
     SETTINGS
         .into_iter()
-        .map(|setting| (edits(&name, setting), setting))
+        .map(|setting| (levenshtein(&name, setting), setting))
         .min()
         .and_then(|(distance, setting)| (distance <= 2).then_some(setting))
 }
@@ -593,7 +594,7 @@ fn unread(command: &Command, names: impl Iterator<Item = String>) -> Result<Vec<
             .into_iter()
             .map(variable)
             .chain(OTHER_VARIABLES.map(str::to_owned));
-        match known.map(|known| (edits(&given, &known), known)).min() {
+        match known.map(|known| (levenshtein(&given, &known), known)).min() {
             // A fourth of its letters, so that no other short word is taken for a misspelt one.
             Some((distance, known)) if distance <= ((given.len() - "HEMICUBE_".len()) / 4).clamp(1, 2) => {
                 return Err(hinted(
@@ -605,22 +606,6 @@ fn unread(command: &Command, names: impl Iterator<Item = String>) -> Result<Vec<
         }
     }
     Ok(unread)
-}
-
-/// Levenshtein's distance, by rows (Wagner & Fischer 1974).
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = i;
-        row[0] = i + 1;
-        for (j, &y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row.last().copied().unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -785,11 +770,5 @@ mod tests {
                 "{error}: {hint}"
             );
         }
-    }
-
-    #[test]
-    fn distances() {
-        assert_eq!(edits("kitten", "sitting"), 3);
-        assert_eq!((edits("", "abc"), edits("abc", "")), (3, 3));
     }
 }

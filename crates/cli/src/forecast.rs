@@ -12,6 +12,7 @@
 
 use hemicube::driver::room;
 use hemicube::store::Form;
+use hemicube_spatial::whole;
 use std::path::Path;
 
 /// Bytes of each further thread of the CPU backend: buffers of pixels, lists, and the allocator's reserve.
@@ -38,7 +39,7 @@ pub(crate) fn memory(resident: u64, threads: usize, rows: Rows) -> u64 {
     let threads = threads.max(1) as f64;
     let batch = f64::from(rows.rows_per_batch.min(rows.rows_per_part)) * rows.entries_per_row * ENTRY;
     let part = f64::from(rows.rows_per_part) * rows.entries_per_row * 8.0;
-    bytes(resident as f64 + (threads - 1.0) * SESSION + BATCHES * threads * batch + PARTS * part + REST)
+    whole::to_u64(resident as f64 + (threads - 1.0) * SESSION + BATCHES * threads * batch + PARTS * part + REST)
 }
 
 /// The most threads, up to `threads`, that keep a run within `limit` bytes; `None` if one is too many.
@@ -65,21 +66,12 @@ pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
         // From `docs/store.md`: between 2.1 and 2.6 in large scenes.
         Form::Compact => 2.6,
     };
-    bytes(rows as f64 * (entries_per_row * entry + 60.0))
+    whole::to_u64(rows as f64 * (entries_per_row * entry + 60.0))
 }
 
 /// Bytes left on the disk of an existing directory, where the system tells.
 pub(crate) fn available(directory: &Path) -> Option<u64> {
     fs4::available_space(directory).ok()
-}
-
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "saturation is wanted"
-)]
-fn bytes(number: f64) -> u64 {
-    number as u64
 }
 
 #[cfg(test)]

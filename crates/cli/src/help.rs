@@ -37,5 +37,8 @@ pub(crate) fn examples(examples: &str, settings: bool) -> String {
 
 /// Help on the scene argument: the formats.
 pub(crate) fn scene_help() -> String {
-    format!("The scene: {}; or a folder of such files", hemicube_scene::Format::listed())
+    format!(
+        "The scene: {}; or a folder of such files",
+        hemicube_scene::Format::listed()
+    )
 }

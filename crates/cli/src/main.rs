@@ -73,7 +73,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
     let definition = Cli::command();
     let first = match definition.clone().try_get_matches_from(&arguments) {
         Ok(matches) => matches,
-        Err(error) => return command_line::misused(error, &definition),
+        Err(error) => return command_line::misused(error, &definition, &arguments),
     };
     let (subcommand, matches) = match first.subcommand() {
         Some((name @ ("compute" | "inspect" | "tradeoff" | "interactive"), matches)) => (name, matches),

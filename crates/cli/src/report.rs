@@ -8,6 +8,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use hemicube::diagnose::Place;
 use hemicube::store::{self, DurableFile};
 use hemicube_scene::is_unseen;
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -431,8 +432,7 @@ pub(crate) fn figures(value: f64) -> String {
     } else if magnitude < 99.95 {
         format!("{value:.1}")
     } else {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below a million")]
-        let rounded = count(magnitude.round() as u64);
+        let rounded = count(whole::to_u64(magnitude.round()));
         if value < 0.0 { format!("-{rounded}") } else { rounded }
     }
 }
@@ -445,13 +445,7 @@ pub(crate) fn about(value: f64) -> String {
     } else {
         10f64.powf(value.log10().floor() - 2.0)
     };
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted"
-    )]
-    let rounded = ((value / unit).round() * unit).round() as u64;
-    count(rounded)
+    count(whole::to_u64(((value / unit).round() * unit).round()))
 }
 
 /// Warns of a file's points that are not in the open, by place, with their lines. `places` are of all points or of

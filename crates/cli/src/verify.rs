@@ -14,6 +14,7 @@ use hemicube::reference::{
 };
 use hemicube::store::{Part, RowTable, Store};
 use hemicube::{Grouping, InputPatch, Model};
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -34,12 +35,7 @@ pub(crate) fn reference_settings(tolerance: Option<Tolerance>, seed: u64) -> Ref
         (SHARE_OF_TOLERANCE * tolerance.0).clamp(LEAST_TARGET, MOST_TARGET)
     });
     let suits = ReferenceSettings::default();
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small factor above 1"
-    )]
-    let times = (MOST_TARGET / target) as u64;
+    let times = whole::to_u64(MOST_TARGET / target);
     ReferenceSettings {
         target,
         max_rays: suits.max_rays * times.clamp(1, 8),

@@ -22,6 +22,7 @@ pub use statistics::SceneStatistics;
 use crate::Model;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
+use hemicube_spatial::whole;
 use serde::Serialize;
 
 /// Options of an examination.
@@ -414,8 +415,7 @@ fn rounded(length: f64) -> String {
     }
     let magnitude = length.log10().floor();
     if (-4.0..6.0).contains(&magnitude) {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 5")]
-        let decimals = (1.0 - magnitude).max(0.0) as usize;
+        let decimals = whole::to_usize(1.0 - magnitude);
         let step = 10f64.powf(magnitude - 1.0);
         format!("{:.decimals$}", (length / step - 1e-9).ceil() * step)
     } else {

@@ -286,7 +286,9 @@ impl SensorRow {
 
     /// Mean radiant temperature in kelvin, T⁴ (1 − cut off) = Σ F_j B_j / σ + sky T_sky⁴ + ground T_ground⁴ +
     /// blocked T_backs⁴, of radiosities B in W/m², one a patch, and `[sky, ground, backs]` in kelvin. The body's
-    /// absorptance is its emissivity, and cancels. What is cut off is taken for the mean of the rest.
+    /// absorptance is its emissivity, and cancels. What is cut off is taken for the mean of the rest. With NaN for backs,
+    /// they are left out, too: T⁴ (1 − cut off − blocked) is what the others add up to. So does `solve`, whose patches
+    /// exchange nothing with backs.
     ///
     /// ```
     /// use hemicube::InputPatch;
@@ -297,6 +299,11 @@ impl SensorRow {
     /// let row = SensorRow { patches: vec![(InputPatch(0), 0.5)], sky: 0.5, ..SensorRow::default() };
     /// let t = row.mean_radiant_temperature(&[STEFAN_BOLTZMANN * 320f64.powi(4)], [260.0, 290.0, 290.0]);
     /// assert!((t.powi(4) - 0.5 * (320f64.powi(4) + 260f64.powi(4))).abs() < 1.0);
+    ///
+    /// // All that is seen at one temperature: so is the body, beside the back of a sheet too.
+    /// let row = SensorRow { patches: vec![(InputPatch(0), 0.7)], blocked: 0.3, ..SensorRow::default() };
+    /// let t = row.mean_radiant_temperature(&[STEFAN_BOLTZMANN * 291f64.powi(4)], [f64::NAN; 3]);
+    /// assert!((t - 291.0).abs() < 1e-9);
     /// ```
     pub fn mean_radiant_temperature(&self, radiosity: &[f64], [sky, ground, backs]: [f64; 3]) -> f64 {
         let of_patch = |&(patch, factor): &(InputPatch, f64)| {
@@ -305,8 +312,14 @@ impl SensorRow {
         let patches: f64 = self.patches.iter().map(of_patch).sum();
         // Nothing is asked of what is not seen: its temperature may be NaN.
         let of = |share: f64, kelvin: f64| if share > 0.0 { share * kelvin.powi(4) } else { 0.0 };
-        let outside = of(self.sky, sky) + of(self.ground, ground) + of(self.blocked, backs);
-        let fourth = (patches / crate::solve::STEFAN_BOLTZMANN + outside) / (1.0 - self.cut_off.min(0.5));
+        let (blocked, left_out) = if backs.is_nan() {
+            (0.0, self.blocked)
+        } else {
+            (of(self.blocked, backs), 0.0)
+        };
+        let outside = of(self.sky, sky) + of(self.ground, ground) + blocked;
+        let seen = 1.0 - self.cut_off.min(0.5) - left_out;
+        let fourth = (patches / crate::solve::STEFAN_BOLTZMANN + outside) / seen;
         // NaN must show.
         if fourth < 0.0 { 0.0 } else { fourth.sqrt().sqrt() }
     }

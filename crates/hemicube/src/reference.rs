@@ -45,6 +45,7 @@ use crate::Model;
 use facing::Facing;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
+use hemicube_spatial::whole;
 use hemisphere::{Hemisphere, Missing};
 use pair::{BATCHES, Pair};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -505,12 +506,7 @@ impl<'m> Reference<'m> {
         let twice = 0.5 * SHARE_OF_MISSED * target * target * hemisphere.squared_norm() * rays * rays;
         let limit = |times, allowed: f64| {
             let bounds = hemisphere.bounds_of_hit(times, facing);
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "saturation is wanted"
-            )]
-            let first = bounds.get(allowed as usize);
+            let first = bounds.get(whole::to_usize(allowed));
             // Below that patch's own bound: the rays chose it.
             first.map_or(f64::INFINITY, |bound| 0.5 * bound)
         };
@@ -534,12 +530,7 @@ impl<'m> Reference<'m> {
         let each = (0.25 * rays).min(most as f64 / whole.max(f64::MIN_POSITIVE));
         let mut left = max_rays / SHARE_OF_UNMET;
         for pair in unmet.iter_mut() {
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "at most as many as are left"
-            )]
-            let count = ((each * pair.most() / batches) as u64).max(1);
+            let count = whole::to_u64(each * pair.most() / batches).max(1);
             pair.cast(&self.occluders, sight, count);
             left = left.saturating_sub(count * BATCHES as u64);
         }
@@ -602,12 +593,7 @@ impl<'m> Reference<'m> {
                 if extra < 1.0 {
                     continue;
                 }
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "saturation is wanted"
-                )]
-                let extra = (extra as u64).min(left / BATCHES as u64);
+                let extra = whole::to_u64(extra).min(left / BATCHES as u64);
                 if extra == 0 {
                     return;
                 }

@@ -2,7 +2,7 @@
 //!
 //! A `shaft` lists the occluders between the two, as regions of coplanar surfaces (`coplanar`). An empty shaft proves
 //! full visibility, a single region in front of all of it full occlusion. Rays decide the rest, against the list or,
-//! where it is long, down the tree (`segments`), or `exact` polygons from points; `bodies` tells which faces of a
+//! where it is long, down the tree (`segments`, `wide`), or `exact` polygons from points; `bodies` tells which faces of a
 //! convex body matter. `candidates` finds patches that could matter though no hemicube saw them.
 
 pub(crate) mod bodies;
@@ -11,3 +11,4 @@ pub(crate) mod coplanar;
 pub(crate) mod exact;
 pub(crate) mod segments;
 pub(crate) mod shaft;
+pub(crate) mod wide;

@@ -202,7 +202,7 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<M
 }
 
 /// The exception of a cancelled run; the one that cancelled it takes precedence.
-fn interrupted() -> PyErr {
+pub(crate) fn interrupted() -> PyErr {
     PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
 
@@ -241,8 +241,9 @@ fn interrupted() -> PyErr {
     scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
     sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), patches=None,
     min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None,
-    backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None, specular=None, specular_bound=None,
-    symmetry=std::collections::BTreeMap::new(), sector=None, periodic=std::collections::BTreeMap::new(), repeats=None
+    backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None, specular=None,
+    specular_bound=None, symmetry=std::collections::BTreeMap::new(), sector=None,
+    periodic=std::collections::BTreeMap::new(), repeats=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(

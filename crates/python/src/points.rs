@@ -1,9 +1,10 @@
 //! `hemicube.points`: rows of sensors.
 
 use crate::attended::attended;
+use crate::compute::interrupted;
 use crate::scene::Scene;
 use crate::session::BackendChoice;
-use crate::sky::{interrupted, pairs, warn_of_places};
+use crate::sky::{pairs, warn_of_places};
 use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
 use crate::{compute, errors, numbers, portals};
 use glam::DVec3;
@@ -108,7 +109,8 @@ impl Points {
     }
 
     /// Mean radiant temperature of each row in kelvin, by the radiosity of each patch in W/m² (`solve_heat`'s) and the
-    /// temperatures of sky, ground and backs in kelvin; `ground` and `backs` are the sky's where they are not given.
+    /// temperatures of sky, ground and backs in kelvin; the ground's is the sky's where it is not given, and backs are
+    /// left out.
     #[pyo3(signature = (radiosity, *, sky, ground=None, backs=None))]
     fn mean_radiant_temperature<'py>(
         &self,
@@ -119,8 +121,12 @@ impl Points {
         backs: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let radiosity = numbers::vector(radiosity, "radiosity", self.scene.get().patches.len())?;
-        let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(sky)];
-        if let Some(wrong) = outside.iter().find(|kelvin| !(0.0..=1e6).contains(*kelvin)) {
+        let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(f64::NAN)];
+        if let Some(wrong) = [Some(sky), ground, backs]
+            .iter()
+            .flatten()
+            .find(|kelvin| !(0.0..=1e6).contains(*kelvin))
+        {
             return Err(errors::input(format!(
                 "a temperature is {wrong}; kelvin from 0 on are needed"
             )));

@@ -1,6 +1,7 @@
 //! `hemicube.sky`: views of the sky from patches and points.
 
 use crate::attended::attended;
+use crate::compute::interrupted;
 use crate::scene::{Scene, warn};
 use crate::session::BackendChoice;
 use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
@@ -12,7 +13,6 @@ use hemicube::sky::{
     Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
 };
 use numpy::PyArray1;
-use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -167,11 +167,6 @@ impl Request {
     fn open(&self) -> PyResult<Box<dyn HemicubeBackend>> {
         require_items(self.backend.open()?, "the sky is read")
     }
-}
-
-/// The exception of a cancelled run; the one that cancelled it takes precedence.
-pub(crate) fn interrupted() -> PyErr {
-    PyKeyboardInterrupt::new_err("the computation was cancelled")
 }
 
 pub(crate) fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, String)> {

@@ -94,17 +94,24 @@ pub fn up(scene: &Scene) -> Up {
     let sums = Sums::of(scene);
     let extent = extent(scene);
     let found = [sums.by_names(), sums.by_uprights(), sums.by_open_side(extent)];
-    let mut known = found.into_iter().flatten();
+    let mut known = found.iter().flatten();
     match known.next() {
         Some((place, reason)) if known.all(|(other, _)| other == place) => Up {
-            axis: AXES[place],
-            reason,
+            axis: AXES[*place],
+            reason: reason.clone(),
             source: Source::Found,
         },
-        Some(_) => Up {
-            reason: "guessed: names and normals contradict each other".to_owned(),
-            ..sums.guess(extent)
-        },
+        Some(_) => {
+            let told = ["names", "uprights and levels", "what is open above"];
+            let told = told.iter().zip(&found).filter_map(|(what, found)| {
+                let (place, _) = found.as_ref()?;
+                Some(format!("{what} tell {}", LETTERS[*place]))
+            });
+            Up {
+                reason: format!("guessed: {}", told.collect::<Vec<_>>().join(", and ")),
+                ..sums.guess(extent)
+            }
+        }
         None => sums.guess(extent),
     }
 }

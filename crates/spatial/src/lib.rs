@@ -66,6 +66,7 @@ pub mod morton;
 mod octree;
 mod order;
 mod validate;
+pub mod whole;
 
 pub use aabb::Aabb;
 pub use cull::{CullCounters, Visit};

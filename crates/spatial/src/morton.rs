@@ -13,7 +13,7 @@
 //! others by Cigolle et al. 2014, "A survey of efficient representations for independent unit vectors"): the sphere is
 //! projected to the octahedron |x| + |y| + |z| = 1, whose lower half is folded outwards into the square [−1, 1]².
 
-use crate::Aabb;
+use crate::{Aabb, whole};
 use glam::DVec3;
 
 /// Bits of a position code per axis: the deepest level of halving in a code.
@@ -67,14 +67,7 @@ pub fn decode(code: u64) -> [u32; 3] {
 /// The cell of a coordinate in the unit interval: min(⌊x·2²¹⌋, 2²¹ − 1), so that the upper end, 1, belongs to the last
 /// cell. Other coordinates go to the nearest cell, NaN to cell 0.
 pub fn quantise(x: f64) -> u32 {
-    // A float to integer cast truncates, saturates and takes NaN to 0, which is all of the above but the last cell.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted"
-    )]
-    let cell = (x * f64::from(CELL_COUNT)) as u32;
-    cell.min(CELL_COUNT - 1)
+    whole::to_u32(x * f64::from(CELL_COUNT)).min(CELL_COUNT - 1)
 }
 
 /// The code of a point in the unit cube, by [`quantise`] on each axis.
@@ -105,8 +98,7 @@ pub fn normal_code(normal: DVec3) -> u32 {
     let n = n / (n.x.abs() + n.y.abs() + n.z.abs());
     let fold = |a: f64, b: f64| if n.z < 0.0 { (1.0 - b.abs()).copysign(a) } else { a };
     let level = |x: f64| {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within 0 and 12")]
-        let level = ((x * 0.5 + 0.5) * f64::from(LAST_NORMAL_LEVEL)).round() as u32;
+        let level = whole::to_u32(((x * 0.5 + 0.5) * f64::from(LAST_NORMAL_LEVEL)).round());
         level.min(LAST_NORMAL_LEVEL)
     };
     let (mut u, mut v) = (level(fold(n.x, n.y)), level(fold(n.y, n.x)));

@@ -18,7 +18,7 @@
 //! there are never more than two nodes for each item.
 
 use crate::morton::{CELL_COUNT, Cube, LEVEL_COUNT, encode, quantise};
-use crate::{Aabb, ValidationError};
+use crate::{Aabb, ValidationError, whole};
 use glam::DVec3;
 use std::fmt;
 use std::ops::Range;
@@ -341,12 +341,7 @@ pub(crate) fn union_of(boxes: &[Aabb], indices: &[u32]) -> Aabb {
 /// The deepest fitting cell of a box, down to `max_level`: its level, and its position in finest cells, with only the
 /// bits down to that level set.
 pub(crate) fn deepest_fit(bounds: &Aabb, cube: &Cube, fit: Fit, max_level: u32) -> (u32, [u32; 3]) {
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted, and NaN to 0"
-    )]
-    let cell_of = |x: f64| (x as u32).min(CELL_COUNT - 1);
+    let cell_of = |x: f64| whole::to_u32(x).min(CELL_COUNT - 1);
     let in_cells = |corner: DVec3| cube.unit_position(corner) * f64::from(CELL_COUNT);
     let (low, high) = (in_cells(bounds.min), in_cells(bounds.max));
     // The finest cell with the box's beginning, and the bits to drop until a cell holds all of it.

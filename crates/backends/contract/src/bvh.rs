@@ -157,27 +157,33 @@ pub struct Tree {
     pub plane_tolerance: f64,
 }
 
-#[derive(Clone, Copy)]
-struct Bounds {
-    low: DVec3,
-    high: DVec3,
+/// A growing box of numbers that are finite.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounds {
+    /// The least coordinates.
+    pub low: DVec3,
+    /// The greatest coordinates.
+    pub high: DVec3,
 }
 
 impl Bounds {
-    const EMPTY: Self = Self {
+    /// The box of nothing.
+    pub const EMPTY: Self = Self {
         low: DVec3::INFINITY,
         high: DVec3::NEG_INFINITY,
     };
 
-    fn of(surface: &Surface) -> Self {
-        let [a, b, c] = surface.corners;
+    /// The box of a triangle.
+    pub fn of([a, b, c]: [DVec3; 3]) -> Self {
         Self {
             low: a.min(b).min(c),
             high: a.max(b).max(c),
         }
     }
 
-    fn union(self, other: Self) -> Self {
+    /// The box of both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
         Self {
             low: self.low.min(other.low),
             high: self.high.max(other.high),
@@ -204,7 +210,7 @@ impl Bounds {
     }
 
     /// Half the surface area; 0 for the empty box.
-    fn half_area(self) -> f64 {
+    pub fn half_area(self) -> f64 {
         let d = (self.high - self.low).max(DVec3::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
     }
@@ -288,7 +294,7 @@ impl Tree {
                 .map(|chunk| {
                     let bounds = chunk
                         .iter()
-                        .fold(Bounds::EMPTY, |b, &s| b.union(Bounds::of(&surfaces[s as usize])));
+                        .fold(Bounds::EMPTY, |b, &s| b.union(Bounds::of(surfaces[s as usize].corners)));
                     #[allow(clippy::cast_possible_truncation, reason = "fewer blocks than surfaces")]
                     let block = tree.blocks.len() as u32;
                     tree.push_block(surfaces, chunk);
@@ -344,7 +350,7 @@ impl Tree {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         // By patch, not in the octree's order, so that every octree leads to the same tree.
         order.sort_unstable_by_key(|&s| surfaces[s as usize].front);
-        let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
+        let boxes: Vec<Bounds> = surfaces.iter().map(|surface| Bounds::of(surface.corners)).collect();
         // Twice the number of threads, because the halves of a scene are not equally expensive.
         let id = |s: u32| surfaces[s as usize].front.0;
         let whole = cut(&boxes, &id, &mut order, 2 * threads.next_power_of_two());
@@ -665,7 +671,7 @@ mod tests {
         let geometry = geometry(40_000);
         let surfaces = &geometry.surfaces;
         assert!(surfaces.len() > 3 * PARALLEL_FROM);
-        let boxes: Vec<Bounds> = surfaces.iter().map(Bounds::of).collect();
+        let boxes: Vec<Bounds> = surfaces.iter().map(|surface| Bounds::of(surface.corners)).collect();
         let tree = |pieces: usize| {
             let mut order: Vec<u32> = (0..u32::try_from(surfaces.len()).expect("few")).collect();
             let piece = cut(&boxes, &|s| surfaces[s as usize].front.0, &mut order, pieces);

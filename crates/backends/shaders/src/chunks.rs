@@ -3,6 +3,7 @@
 use crate::upload::split;
 use glam::DVec3;
 use hemicube_contract::backend::Surface;
+use hemicube_contract::bvh::Bounds;
 use hemicube_spatial::Octree;
 use std::ops::Range;
 
@@ -100,7 +101,9 @@ fn join(runs: Vec<Range<u32>>, surfaces: &[Surface], most: u32) -> Vec<Range<u32
     for run in runs {
         let bounds = surfaces[run.start as usize..run.end as usize]
             .iter()
-            .fold(Bounds::EMPTY, |b, s| b.with(s.corners));
+            .fold(Bounds::EMPTY, |bounds, surface| {
+                bounds.union(Bounds::of(surface.corners))
+            });
         if let Some((last, whole)) = joined.last_mut()
             && run.end - last.start <= most
             && last.end == run.start
@@ -115,37 +118,4 @@ fn join(runs: Vec<Range<u32>>, surfaces: &[Surface], most: u32) -> Vec<Range<u32
         joined.push((run, bounds));
     }
     joined.into_iter().map(|(run, _)| run).collect()
-}
-
-/// A growing box.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds {
-    pub(crate) low: DVec3,
-    pub(crate) high: DVec3,
-}
-
-impl Bounds {
-    pub(crate) const EMPTY: Self = Self {
-        low: DVec3::INFINITY,
-        high: DVec3::NEG_INFINITY,
-    };
-
-    pub(crate) fn with(self, corners: [DVec3; 3]) -> Self {
-        corners.into_iter().fold(self, |b, p| Self {
-            low: b.low.min(p),
-            high: b.high.max(p),
-        })
-    }
-
-    fn union(self, other: Self) -> Self {
-        Self {
-            low: self.low.min(other.low),
-            high: self.high.max(other.high),
-        }
-    }
-
-    fn half_area(self) -> f64 {
-        let d = (self.high - self.low).max(DVec3::ZERO);
-        d.x * d.y + d.y * d.z + d.z * d.x
-    }
 }

@@ -5,12 +5,13 @@
 //! chunk. That makes about one vertex a triangle instead of three, and vertices are the slow part of a software
 //! rasteriser.
 
-use crate::chunks::{self, Bounds, Chunk, MOST_TRIANGLES};
+use crate::chunks::{self, Chunk, MOST_TRIANGLES};
 use crate::limits::Plan;
 use crate::stage::binding;
 use crate::view::settings_words;
 use glam::DVec3;
 use hemicube_contract::backend::{BackendError, Geometry, Surface};
+use hemicube_contract::bvh::Bounds;
 use hemicube_contract::delta::DeltaTable;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -120,7 +121,7 @@ impl Upload {
                 };
                 triangle_of_surface[surface as usize] = as_u32((upload.indices.len() + corners.indices.len()) / 3);
                 chunk_of_surface[surface as usize] = chunk;
-                bounds = bounds.with(triangle.corners);
+                bounds = bounds.union(Bounds::of(triangle.corners));
                 corners.add(triangle);
             }
             let base = as_u32(upload.vertices.len());

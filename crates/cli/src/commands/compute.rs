@@ -28,6 +28,7 @@ use hemicube::driver::settings::RowSettings;
 use hemicube::portal::Portals;
 use hemicube::store::{Error as StoreError, Form, Manifest, Part, Shard, Store, Thinning};
 use hemicube::{Grouping, InputPatch, PatchKind};
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
@@ -659,12 +660,7 @@ fn row_choice(settings: &SelectionSettings, kind: PatchKind, prepared: &Prepared
             });
             let wanted = match size {
                 SampleSize::Count(number) => u64::from(number),
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "up to the patch count"
-                )]
-                SampleSize::Percent(percent) => (percent / 100.0 * emitting as f64).ceil() as u64,
+                SampleSize::Percent(percent) => whole::to_u64((percent / 100.0 * emitting as f64).ceil()),
             };
             RowChoice::Sample {
                 count: u32::try_from(wanted.min(emitting)).unwrap_or(patch_count),
@@ -770,12 +766,7 @@ fn forecast_rows(run: &Run<'_>, entries_per_row: f64, batch: u32) -> forecast::R
         // Batches are of elements, parts of the longer rows of patches: as many entries in shorter ones.
         Some(_) => {
             let entries = f64::from(run.plan.rows_per_part) * entries_of_row(&run.plan, entries_per_row);
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "saturation is wanted"
-            )]
-            let rows = (entries / entries_per_row.max(1.0)).ceil() as u32;
+            let rows = whole::to_u32((entries / entries_per_row.max(1.0)).ceil());
             rows.max(rows_per_batch)
         }
         None => run.plan.rows_per_part,

@@ -27,6 +27,7 @@ use hemicube::sky::{
 use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
 use hemicube::{Grouping, InputPatch};
 use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -316,13 +317,7 @@ fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
             if prepared.grouping.is_some() {
                 // Sums of weights are of elements alike; rows are of elements by their areas.
                 let whole = f64::from(hemicubes) * f64::from(WHOLE);
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a share of a whole"
-                )]
-                let weight = (shares.blocked * whole) as u64;
-                found.blocked[patch as usize] = weight;
+                found.blocked[patch as usize] = whole::to_u64(shares.blocked * whole);
             }
         }
     }

@@ -22,6 +22,7 @@ use hemicube::solve::{
     SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
+use hemicube_spatial::whole;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -240,25 +241,9 @@ fn tolerance(text: &str) -> Result<f64, String> {
 
 /// `500MB`, `2GB`, or bytes.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
-    let text = text.trim();
-    let (digits, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
-    let unit = match unit.to_ascii_uppercase().as_str() {
-        "" | "B" => 1.0,
-        "K" | "KB" => 1e3,
-        "M" | "MB" => 1e6,
-        "G" | "GB" => 1e9,
-        "T" | "TB" => 1e12,
-        _ => return Err("a size such as `500MB` or `2GB` is needed".to_owned()),
-    };
-    match digits.trim().parse::<f64>() {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "saturation is wanted"
-        )]
-        Ok(number) if number >= 0.0 && number.is_finite() => Ok((number * unit) as u64),
-        _ => Err("a size such as `500MB` or `2GB` is needed".to_owned()),
-    }
+    let size = crate::args::size(text).filter(|size| *size >= 0.0 && size.is_finite());
+    let needed = || "a size such as `500MB` or `2GB` is needed".to_owned();
+    size.map(whole::to_u64).ok_or_else(needed)
 }
 
 /// Materials of the solution, in its report and in `--json`.

@@ -5,6 +5,7 @@ use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use anyhow::{Context, Result, anyhow, bail};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
+use hemicube_spatial::whole;
 use std::io::Write;
 use std::path::Path;
 
@@ -29,13 +30,8 @@ pub(crate) fn id_color(id: u32) -> Color {
     [channel(0), channel(16), channel(32)]
 }
 
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "saturation is wanted"
-)]
 pub(crate) fn byte(value: f64) -> u8 {
-    value.round() as u8
+    whole::to_u8(value.round())
 }
 
 /// sRGB, from 0 to 255, of linear light from 0 to 1 (IEC 61966-2-1).

@@ -14,6 +14,7 @@ use hemicube::portal::Specular;
 use hemicube::portal::sight::ThroughPortals;
 use hemicube::solve::StoredSolution;
 use hemicube_scene::Axis;
+use hemicube_spatial::whole;
 use std::collections::HashMap;
 use std::path::Path;
 use std::str::FromStr;
@@ -563,22 +564,12 @@ fn draw_histogram(canvas: &mut Canvas, area: Rect, scaled: &[[f64; 1]]) -> u64 {
     let count = area.width / BAR;
     let mut bins = vec![0u64; count];
     for [value] in scaled.iter().filter(|[value]| !value.is_nan()) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "from 0 to the number of bars"
-        )]
-        let bin = ((value * count as f64) as usize).min(count - 1);
+        let bin = whole::to_usize(value * count as f64).min(count - 1);
         bins[bin] += 1;
     }
     let most = bins.iter().copied().max().unwrap_or(0);
     for (bin, &patches) in bins.iter().enumerate().filter(|(_, patches)| **patches > 0) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "from 0 to the height"
-        )]
-        let tall = ((area.height as f64 * patches as f64 / most as f64) as usize).max(1);
+        let tall = whole::to_usize(area.height as f64 * patches as f64 / most as f64).max(1);
         let color = scale_color((bin as f64 + 0.5) / count as f64);
         let bar = Rect {
             x: area.x + bin * BAR,

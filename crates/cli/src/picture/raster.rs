@@ -5,6 +5,7 @@
 //! Triangles that reach behind the lens need no clipping.
 
 use glam::DVec3;
+use hemicube_spatial::whole;
 
 /// A picture plane: its centre of projection and its pixels' rays.
 #[derive(Clone, Copy, Debug)]
@@ -42,14 +43,9 @@ impl Lens {
     }
 
     /// The rays' pixels between two values of u or v, widened by one.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted"
-    )]
     fn range(low: f64, high: f64, count: usize) -> std::ops::Range<usize> {
-        let start = (low.floor() - 1.0).max(0.0) as usize;
-        let end = ((high.ceil() + 1.0).max(0.0) as usize).min(count);
+        let start = whole::to_usize(low.floor() - 1.0);
+        let end = whole::to_usize(high.ceil() + 1.0).min(count);
         start.min(end)..end
     }
 

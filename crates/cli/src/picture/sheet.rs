@@ -6,6 +6,7 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 use anyhow::{Result, anyhow, bail};
+use hemicube_spatial::whole;
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
@@ -416,12 +417,7 @@ impl Legend {
 
 /// `color` on white paper at less than full strength.
 pub(crate) fn faded(color: RGBColor, strength: f64) -> RGBColor {
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "between two bytes"
-    )]
-    let fade = |channel: u8| (255.0 - strength * (255.0 - f64::from(channel))).round() as u8;
+    let fade = |channel: u8| whole::to_u8((255.0 - strength * (255.0 - f64::from(channel))).round());
     RGBColor(fade(color.0), fade(color.1), fade(color.2))
 }
 

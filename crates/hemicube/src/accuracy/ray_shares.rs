@@ -19,6 +19,9 @@ use glam::DVec3;
 /// Number of rays from a patch, at least and at most. Choices.
 const LEAST: usize = 256;
 const MOST: usize = 1 << 14;
+/// Blocks of triangles met after which no further rays are cast: thousands of triangles in one place are met by every
+/// ray to it. About half a second of work. A choice.
+const MOST_BLOCKS: u64 = 1 << 22;
 /// Part of a permitted error that rays may leave. A choice.
 const PART: f64 = 0.8;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
@@ -57,8 +60,8 @@ impl RayShares {
 }
 
 /// Measures the non-visible shares of a patch by 256 rays, and by twice as many until no share has a standard error
-/// much above `permitted`, or 16,384 were cast. `receives` tells the patches with a column. `None` for a patch without
-/// area.
+/// much above `permitted`, or 16,384 were cast, or they met 2²² blocks of triangles. `receives` tells the patches with
+/// a column. `None` for a patch without area.
 pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
     let tree = Tree::of(emitter.model.geometry());
     let [a, b, c] = emitter.corners;
@@ -70,7 +73,7 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
     };
     let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
     let (mut escaped, mut blocked, mut unselected) = (0u32, 0u32, 0u32);
-    let mut pending = Vec::new();
+    let (mut pending, mut blocks) = (Vec::new(), 0u64);
     let mut count = 0;
     loop {
         let wanted = (2 * count).max(LEAST);
@@ -82,7 +85,9 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
                 let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
                 let radius = u[2][l].sqrt();
                 let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
-                match first_met(&tree, from, from + towards * FAR, &horizon, &mut pending) {
+                let ends = [from, from + towards * FAR];
+                let met = nearest_counted(&tree, ends, &horizon, &mut pending, &mut blocks);
+                match met.map(|met| met.id) {
                     None => escaped += 1,
                     Some(id) if id >= tree.patch_count => blocked += 1,
                     Some(id) => unselected += u32::from(!receives(id)),
@@ -99,7 +104,7 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
             },
             rays: count,
         };
-        if count >= MOST || found.errors().iter().all(|&error| error <= PART * permitted) {
+        if count >= MOST || blocks >= MOST_BLOCKS || found.errors().iter().all(|&error| error <= PART * permitted) {
             return Some(found);
         }
     }
@@ -117,14 +122,20 @@ pub(crate) struct Met {
     pub(crate) corners: [DVec3; 3],
 }
 
-/// The id of the first triangle on a segment; see [`nearest`].
-fn first_met(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<u32> {
-    nearest(tree, start, end, horizon, pending).map(|met| met.id)
-}
-
 /// The first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
 /// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
 pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
+    nearest_counted(tree, [start, end], horizon, pending, &mut 0)
+}
+
+/// [`nearest`]; adds the blocks of triangles met on the way to `blocks`.
+fn nearest_counted(
+    tree: &Tree,
+    [start, end]: [DVec3; 2],
+    horizon: &Plane,
+    pending: &mut Vec<u32>,
+    blocks: &mut u64,
+) -> Option<Met> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
     let mut first: Option<Met> = None;
@@ -132,6 +143,7 @@ pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pe
     pending.push(0);
     let ends = [start.to_array(), end.to_array()];
     while let Some(leaf) = next_block(tree, &segment, pending) {
+        *blocks += 1;
         let block = &tree.blocks[leaf as usize];
         let mut places = [f64::INFINITY; LANES];
         let tolerance = tree.plane_tolerance;

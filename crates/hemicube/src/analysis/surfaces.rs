@@ -69,8 +69,8 @@ pub struct MatrixTables<'a> {
     pub names: [&'a [String]; 2],
 }
 
-/// Heat by surface, in order of their first patch, and its sum. `outside` the irradiance from the surroundings, `temperature` is in kelvin and
-/// NaN where nothing determines it.
+/// Heat by surface, in order of their first patch, and its sum. `outside` is the irradiance from the surroundings,
+/// `temperature` in kelvin, NaN where nothing determines it.
 ///
 /// # Panics
 /// When the arrays are not of the table's patches.

@@ -14,7 +14,8 @@
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
 //! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
-//! space. Two-sided surfaces have no back and are never turned.
+//! space, and all must see more fronts than before: a room turned outwards sees nothing, and so no back. Two-sided
+//! surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -444,6 +445,14 @@ impl Rays<'_> {
         (weight, rays)
     }
 
+    /// Weight of the rays from active sides that meet a front.
+    fn fronts(&self, turned: &BTreeSet<u32>) -> f64 {
+        let meets_front =
+            |kind: Kind| kind.to != To::Nothing && Self::is_active(kind, turned) && !Self::meets_back(kind, turned);
+        let rays = self.list.iter().filter(|(kind, _)| meets_front(*kind));
+        rays.map(|(_, count)| count.weight).sum()
+    }
+
     /// Returns whether others see only backs of these objects, or nobody sees them, and their other side faces a nearly
     /// closed space.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
@@ -493,6 +502,7 @@ impl Rays<'_> {
             if worth
                 && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
                 && (*turn != Turn::Objects || self.faces_away(objects, turned))
+                && (*turn != Turn::All || self.fronts(&after) > self.fronts(turned))
             {
                 best = Some((saved, *turn, objects));
             }

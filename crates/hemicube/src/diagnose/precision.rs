@@ -7,6 +7,7 @@
 
 use super::{Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
 use crate::Model;
+use hemicube_spatial::whole;
 use serde::Serialize;
 
 /// Surfaces examined for the grain.
@@ -106,8 +107,7 @@ fn decimal_grain(values: &[f64]) -> Option<Grain> {
         };
         let mut counts = [0usize; 10];
         for step in steps {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a digit")]
-            let digit = step.abs().rem_euclid(10.0) as usize;
+            let digit = whole::to_usize(step.abs().rem_euclid(10.0));
             counts[digit.min(9)] += 1;
         }
         let spread = counts

@@ -146,12 +146,18 @@ impl<'a> OpenRow<'a> {
     pub(super) fn close(&mut self, part: &mut Part) -> Option<Closed> {
         let patch = self.patch.take()?;
         let start = part.data.len();
+        // Of a patch that fills the view, the errors of closed forms may add up to more than 1. By mirrors, F^s may.
+        let most = if self.plan.portals.is_empty() {
+            1.0
+        } else {
+            f64::INFINITY
+        };
         self.touched.sort_unstable();
         self.touched.dedup();
         for patch in self.touched.drain(..) {
             let exchange = std::mem::take(&mut self.exchange[patch as usize]);
             part.indices.push(patch.cast_signed());
-            part.data.push(exchange / self.area);
+            part.data.push((exchange / self.area).min(most));
         }
         let mut error = crate::store::closure::narrow(self.error / self.area);
         let keeping = self.plan.keeping(&self.portals);

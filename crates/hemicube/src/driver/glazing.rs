@@ -19,7 +19,7 @@
 //! angles = [[0, 0.5], [60, 0.3], [90, 0]] # degrees, τ, and ρs where a row has three numbers
 //! ```
 
-use super::selection::matches_glob;
+use super::selection::Patterns;
 use crate::portal::{Law, Optics};
 use hemicube_scene::{Gloss, Scene};
 use serde::Deserialize;
@@ -219,24 +219,17 @@ pub fn laws_of_scene(scene: &Scene) -> Vec<Option<Law>> {
     materials.map(|material| material.gloss.as_ref().map(law)).collect()
 }
 
-/// The law of each name: of its own table, otherwise of the only pattern that matches.
+/// The law of each name, by the rule of [`Patterns`].
 fn by_name(kind: &str, names: &[&str], tables: &BTreeMap<String, Entry>, band: usize) -> Result<Vec<Option<Law>>> {
-    let mut used = BTreeMap::new();
-    let mut found = Vec::with_capacity(names.len());
-    for &name in names {
-        let exact = tables.get_key_value(name);
-        let mut fitting = tables.iter().filter(|(key, _)| matches_glob(key, name));
-        let (first, second) = (fitting.next(), fitting.next());
-        if let (None, Some((first, _)), Some((second, _))) = (exact, first, second) {
-            bail!("{kind} `{name}` fits both `{first}` and `{second}`; name it in a table of its own");
-        }
-        let law = exact.or(first).map(|(key, entry)| {
-            used.insert(key.as_str(), ());
-            entry.law(&format!("{kind}.{key:?}"), band)
-        });
-        found.push(law.transpose()?);
-    }
-    match tables.keys().find(|key| !used.contains_key(key.as_str())) {
+    let patterns = Patterns::new(tables);
+    let law = |name: &&str| {
+        let table = patterns.of(name).map_err(|tie| GlazingError(format!("{kind} {tie}")))?;
+        table
+            .map(|(key, entry)| entry.law(&format!("{kind}.{key:?}"), band))
+            .transpose()
+    };
+    let found = names.iter().map(law).collect::<Result<_>>()?;
+    match patterns.unused(names) {
         Some(unused) => {
             bail!("`[{kind}.\"{unused}\"]` matches no {kind}; `hemicube inspect` lists the {kind}s of a scene")
         }
@@ -258,6 +251,22 @@ mod tests {
         assert_eq!(found[0], None);
         assert_eq!(found[1].as_ref().map(|law| law.mean().passed()), Some(0.1 + 0.7));
         assert_eq!(found[2].as_ref().map(|law| law.mean().specular), Some(0.2));
+        // The most particular pattern holds; of two alike both are named.
+        let tables = |json: &str| serde_json::from_str::<BTreeMap<String, Entry>>(json).expect("good tables");
+        let nested = tables(r#"{"*": {"specular": 0.5}, "glass*": {"specular": 0.1}, "glass_d*": {"specular": 0.2}}"#);
+        let found = by_name("object", &["wall", "glass_a", "glass_door"], &nested, 0).expect("one is most particular");
+        let values: Vec<f64> = found.iter().flatten().map(|law| law.mean().specular).collect();
+        assert_eq!(values, [0.5, 0.1, 0.2]);
+        let alike = tables(r#"{"glass*": {"specular": 0.1}, "*_door": {"specular": 0.2}}"#);
+        let tie = by_name("object", &["glass_door"], &alike, 0).expect_err("five characters each");
+        assert!(
+            tie.to_string()
+                .starts_with("object `glass_door` fits both `*_door` and `glass*`"),
+            "{tie}"
+        );
+        // Not used is what matches no name, and not what others go before.
+        let before = by_name("object", &["glass_door"], &nested, 0).expect("`*` matches too");
+        assert_eq!(before.len(), 1);
         let unused = by_name("material", &["wall"], &glazing.material, 0).expect_err("no glass");
         assert!(unused.to_string().contains("matches no material"), "{unused}");
         assert!(serde_json::from_str::<Glazing>(r#"{"material": {"a": {"reflectance": 1}}}"#).is_err());

@@ -351,7 +351,7 @@ impl Job {
         let selection = self.with_images(selection, model);
         let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
-        let policy = self.storage_policy(patch_count);
+        let policy = StoragePolicy::choose(self.form, self.min_factor, patch_count, self.accuracy.tolerance());
         let stage = InStage::begin(observer, Stage::Calibrate);
         let Sessions {
             rows: mut backend,
@@ -426,10 +426,6 @@ impl Job {
             model,
             backend,
         })
-    }
-
-    fn storage_policy(&self, patch_count: u32) -> StoragePolicy {
-        StoragePolicy::choose(self.form, self.min_factor, patch_count, self.accuracy.tolerance())
     }
 
     /// Renders trial hemicubes where a forecast or the choice of culling needs them, and makes that choice.

@@ -15,6 +15,7 @@ use hemicube_contract::backend::{Hemicube, HemicubeBackend};
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::escaped::{EscapedPixels, runs};
 use hemicube_contract::face::{Face, Items};
+use hemicube_spatial::whole;
 use std::ops::Range;
 
 /// A crossing this near a pixel's centre is decided by the centre's column; pixels.
@@ -112,11 +113,6 @@ impl Walk {
     }
 
     /// Finds the columns of the pixels `range` by the boundaries that the line crosses; `None` if a root is uncertain.
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "crossings are clamped to the row"
-    )]
     fn by_crossings(&mut self, division: &SkyDivision, line: Line, range: Range<u32>) -> Option<()> {
         let rings = &division.rings;
         self.ends.clear();
@@ -184,10 +180,10 @@ impl Walk {
             }
             let nearest = next.round();
             let end = if (next - nearest).abs() <= NEAR {
-                let pixel = nearest as u32;
+                let pixel = whole::to_u32(nearest);
                 pixel + u32::from(division.column(line.at(nearest)) == column)
             } else {
-                next.ceil() as u32
+                whole::to_u32(next.ceil())
             };
             let end = end.clamp(begin, range.end);
             if end > begin {

@@ -13,6 +13,7 @@ use crate::accuracy::grain::Grain;
 use crate::backend::WHOLE;
 use crate::grouping::Grouping;
 use hemicube_scene::InputPatch;
+use hemicube_spatial::whole;
 use std::collections::BTreeMap;
 
 /// Sums over the elements of a patch.
@@ -76,12 +77,7 @@ impl Sums {
                 ..SkyRow::default()
             };
         }
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "from 0 to a whole below 2⁶³"
-        )]
-        let units = |sum: f64| (sum / self.area * whole as f64).round() as u64;
+        let units = |sum: f64| whole::to_u64((sum / self.area * whole as f64).round());
         let mut left = whole;
         let mut columns = Vec::with_capacity(self.columns.len());
         for (&column, &sum) in &self.columns {

@@ -253,13 +253,13 @@ impl Heat {
             let names = names_in(found, |other| other as usize == enclosure, named);
             let reason = if is_balanced {
                 format!(
-                    "the enclosure of {names} is closed, and no surface of it has a temperature: its given heat adds \
-                     up to 0, and leaves the level of all its temperatures open"
+                    "the enclosure of {names} is closed, and no surface of it that emits has a temperature: its \
+                     given heat adds up to 0, and leaves the level of all its temperatures open"
                 )
             } else {
                 format!(
-                    "the enclosure of {names} is closed, no surface of it has a temperature, and its given heat adds \
-                     up to {:.4e} W, not to 0: it would grow warmer, or colder, for ever",
+                    "the enclosure of {names} is closed, no surface of it that emits has a temperature, and its \
+                     given heat adds up to {:.4e} W, not to 0: it would grow warmer, or colder, for ever",
                     heat[enclosure]
                 )
             };

@@ -14,7 +14,7 @@
 //! A table holds for each name that it matches by itself: `heat` is each surface's, and an isothermal pattern makes one
 //! temperature for each name.
 
-use crate::driver::selection::matches_glob;
+use crate::driver::selection::{Patterns, matches_glob};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 
@@ -462,7 +462,7 @@ impl Properties {
     /// # Errors
     /// When a kind with patches lacks one, or a value is out of range.
     pub fn thermal(&self) -> Result<Vec<Thermal>> {
-        let mut missing = Vec::new();
+        let (mut missing, mut lacks_emissivity, mut lacks_condition) = (Vec::new(), false, false);
         let mut found = Vec::new();
         let mut surfaces: HashMap<(Level, &str), u32> = HashMap::new();
         for kind in &self.kinds {
@@ -491,9 +491,11 @@ impl Properties {
                     given.kelvin
                 )));
             }
-            let needs_emissivity = condition != Some(Condition::Flux(0.0));
-            if kind.is_used && (condition.is_none() || needs_emissivity && emissivity.is_none()) {
+            let without_emissivity = emissivity.is_none() && condition != Some(Condition::Flux(0.0));
+            if kind.is_used && (condition.is_none() || without_emissivity) {
                 missing.push(self.listed(kind));
+                lacks_emissivity |= without_emissivity;
+                lacks_condition |= condition.is_none();
             }
             let source = match kind.condition {
                 Level::Object | Level::Default if kind.object.is_some() => {
@@ -516,8 +518,13 @@ impl Properties {
         if missing.is_empty() {
             return Ok(found);
         }
+        let what = match (lacks_emissivity, lacks_condition) {
+            (true, true) => "no emissivity and temperature are",
+            (true, false) => "no emissivity is",
+            (false, _) => "no temperature is",
+        };
         Err(PropertyError::with(
-            format!("no emissivity and temperature are known of {}", short_list(&missing)),
+            format!("{what} known of {}", short_list(&missing)),
             "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; \
              its table `[default]` is for all that have none",
         ))
@@ -801,20 +808,12 @@ fn objects_called_materials(named: Named<'_>, tables: &mut Tables) -> Vec<String
 struct Matched<'t> {
     kind: &'static str,
     of_name: Vec<Option<&'t Entry>>,
-    unused: Vec<&'t String>,
+    unused: Option<&'t String>,
 }
 
 impl<'t> Matched<'t> {
     fn new(names: &[String], tables: &'t BTreeMap<String, Entry>, kind: &'static str) -> Result<Self> {
-        let mut used: BTreeMap<&String, bool> = tables.keys().map(|key| (key, false)).collect();
-        // Characters besides wildcards: the more, the more particular.
-        let literals = |key: &str| key.chars().filter(|c| !matches!(c, '*' | '?')).count();
-        let mut globs: Vec<(usize, &String, &Entry)> = tables
-            .iter()
-            .filter(|(key, _)| key.contains(['*', '?']))
-            .map(|(key, entry)| (literals(key), key, entry))
-            .collect();
-        globs.sort_by_key(|(literals, ..)| std::cmp::Reverse(*literals));
+        let patterns = Patterns::new(tables);
         let mut of_name = Vec::with_capacity(names.len());
         // Objects may share names by the thousand.
         let mut known: HashMap<&str, Option<&Entry>> = HashMap::new();
@@ -823,37 +822,19 @@ impl<'t> Matched<'t> {
                 of_name.push(*found);
                 continue;
             }
-            let found = match tables.get_key_value(name) {
-                Some((key, entry)) => Some((key, entry)),
-                None => {
-                    let mut fitting = globs.iter().filter(|(_, key, _)| matches_glob(key, name));
-                    match (fitting.next(), fitting.next()) {
-                        (Some((first, key, _)), Some((second, other, _))) if first == second => {
-                            return Err(PropertyError::new(format!(
-                                "{kind} `{name}` fits both `{key}` and `{other}`; name it in a table of its own"
-                            )));
-                        }
-                        (Some((_, key, entry)), _) => Some((*key, *entry)),
-                        (None, _) => None,
-                    }
-                }
-            };
-            if let Some((key, _)) = found {
-                used.insert(key, true);
-            }
+            let found = patterns
+                .of(name)
+                .map_err(|tie| PropertyError::new(format!("{kind} {tie}")))?;
             let entry = found.map(|(_, entry)| entry);
             known.insert(name, entry);
             of_name.push(entry);
         }
-        // A pattern whose every name has a more particular table matches something all the same.
-        let matches_any = |key: &str| key.contains(['*', '?']) && names.iter().any(|name| matches_glob(key, name));
-        let unused = used.into_iter().filter(|(key, used)| !used && !matches_any(key));
-        let unused = unused.map(|(key, _)| key).collect();
+        let unused = patterns.unused(names);
         Ok(Self { kind, of_name, unused })
     }
 
     fn require_all_used(&self, tables: &Tables, named: Named<'_>) -> Result<()> {
-        let Some(unused) = self.unused.first() else {
+        let Some(unused) = self.unused else {
             return Ok(());
         };
         let mut there = Vec::new();
@@ -1102,7 +1083,9 @@ mod tests {
             assert!(error.reason.contains(wanted), "{error}");
         }
         let thermal = |json: &str| read(json).expect(json).thermal().expect_err(json).reason;
-        assert!(thermal("{\"default\": {\"emissivity\": 0.9}}").contains("no emissivity and temperature"));
+        assert!(thermal("{\"default\": {\"emissivity\": 0.9}}").contains("no temperature is known of"));
+        assert!(thermal("{\"default\": {\"temperature\": 300}}").contains("no emissivity is known of"));
+        assert!(thermal("{}").contains("no emissivity and temperature are known of"));
         assert!(thermal("{\"default\": {\"emissivity\": 0.9, \"temperature\": -3}}").contains("-3 K"));
         assert!(thermal("{\"default\": {\"emissivity\": 1.9, \"temperature\": 3}}").contains("1.9"));
         assert!(thermal("{\"default\": {\"emissivity\": [0.1, 0.2, 0.3], \"temperature\": 3}}").contains("grey"));

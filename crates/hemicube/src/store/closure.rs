@@ -1,6 +1,7 @@
 //! Closure of rows: Σⱼ Fᵢⱼ + escapedᵢ + blockedᵢ + unselectedᵢ = 1, and less what portals passed on of arrivals.
 
 use super::{Part, RowShares};
+use hemicube_spatial::whole;
 
 /// The sum of a row's form factors at closure: 1 minus its shares; `None` for a row without hemicubes.
 pub(crate) fn target_of(part: &Part, row: usize) -> Option<f64> {
@@ -55,16 +56,11 @@ impl ClosureTally {
     }
 
     /// The inverse of [`Self::sums`].
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a number of rows"
-    )]
     pub(crate) fn from_sums([max, squares, rows]: [f64; 3]) -> Self {
         Self {
             max,
             squares,
-            rows: rows as u64,
+            rows: whole::to_u64(rows),
         }
     }
 

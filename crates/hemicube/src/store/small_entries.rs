@@ -9,6 +9,7 @@
 
 use super::closure::{ClosureTally, narrow, share_of, target_of};
 use super::{FactorSlice, Form, Part, compact};
+use hemicube_spatial::whole;
 use serde::{Deserialize, Serialize};
 
 /// Default bound on the scaling of a row; an entry is scaled by its square at most.
@@ -265,16 +266,11 @@ impl PartThinning {
     }
 
     /// The inverse of [`Self::numbers`].
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "numbers of entries and rows"
-    )]
     pub(crate) fn from_numbers(numbers: [f64; Self::LENGTH]) -> Self {
-        let [entries, whole, scale_max, mass, dropped, a, b, c, d, e, f] = numbers;
+        let [entries, kept, scale_max, mass, dropped, a, b, c, d, e, f] = numbers;
         Self {
-            entries_dropped: entries as u64,
-            rows_kept_whole: whole as u64,
+            entries_dropped: whole::to_u64(entries),
+            rows_kept_whole: whole::to_u64(kept),
             scale_max,
             mass,
             dropped,

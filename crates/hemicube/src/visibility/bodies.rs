@@ -17,8 +17,26 @@ const MOST_FACES: usize = 64;
 #[derive(Debug)]
 pub(crate) struct Bodies {
     of_region: Vec<u32>,
-    /// The planes of each body's faces.
-    faces: Vec<Vec<Plane>>,
+    bodies: Vec<Body>,
+    /// Distance up to which a point is in a plane.
+    tolerance: f64,
+}
+
+/// A convex closed body.
+#[derive(Debug)]
+pub(crate) struct Body {
+    /// The planes of its faces.
+    pub(crate) faces: Vec<Plane>,
+    pub(crate) edges: Vec<BodyEdge>,
+}
+
+/// An edge of a body, counter-clockwise about one face.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BodyEdge {
+    pub(crate) ends: [DVec3; 2],
+    /// Indices of that face and of the other one.
+    pub(crate) left: usize,
+    pub(crate) right: usize,
 }
 
 impl Bodies {
@@ -37,7 +55,8 @@ impl Bodies {
         }
         let mut found = Self {
             of_region: vec![NONE; regions.len() as usize],
-            faces: Vec::new(),
+            bodies: Vec::new(),
+            tolerance,
         };
         let mut taken = vec![false; regions.len() as usize];
         for seed in 0..regions.len() {
@@ -70,24 +89,55 @@ impl Bodies {
                     Plane { normal, offset }
                 })
                 .collect();
+            let uneven = body
+                .iter()
+                .map(|&region| regions.unevenness(region))
+                .fold(0.0, f64::max);
+            let tolerance = tolerance + 2.0 * uneven;
             let mut corners = body.iter().flat_map(|&region| regions.corners(region));
             if corners.all(|&p| planes.iter().all(|plane| plane.height(p) <= tolerance)) {
-                let number = u32::try_from(found.faces.len()).unwrap_or(NONE);
+                let number = u32::try_from(found.bodies.len()).unwrap_or(NONE);
                 body.iter()
                     .for_each(|&region| found.of_region[region as usize] = number);
-                found.faces.push(planes);
+                let mut edges_of_body = Vec::new();
+                for (left, &region) in body.iter().enumerate() {
+                    for (a, b) in edges(regions.corners(region)) {
+                        let other = along.get(&[bits(b), bits(a)]).copied().flatten();
+                        let right = body.iter().position(|&face| Some(face) == other);
+                        edges_of_body.extend(right.filter(|&right| left < right).map(|right| BodyEdge {
+                            ends: [a, b],
+                            left,
+                            right,
+                        }));
+                    }
+                }
+                found.bodies.push(Body {
+                    faces: planes,
+                    edges: edges_of_body,
+                });
             }
         }
         found
     }
 
     /// Returns whether a region is a face of a body that a triangle lies outside of, in front of another face's plane.
+    /// In that plane it may lie under the body.
     pub(crate) fn is_outside(&self, region: u32, triangle: &[DVec3; 3]) -> bool {
-        let body = self.of_region[region as usize];
-        body != NONE
-            && self.faces[body as usize]
-                .iter()
-                .any(|plane| triangle.iter().all(|&p| plane.height(p) >= 0.0))
+        self.of(region).is_some_and(|body| {
+            self.get(body).faces.iter().any(|plane| {
+                let heights = triangle.map(|p| plane.height(p));
+                heights.iter().all(|&h| h >= 0.0) && heights.iter().any(|&h| h > self.tolerance)
+            })
+        })
+    }
+
+    /// The number of the body that a region is a face of.
+    pub(crate) fn of(&self, region: u32) -> Option<u32> {
+        Some(self.of_region[region as usize]).filter(|&body| body != NONE)
+    }
+
+    pub(crate) fn get(&self, body: u32) -> &Body {
+        &self.bodies[body as usize]
     }
 }
 

@@ -3,18 +3,27 @@
 //! Patches are cut fine for radiation; for occlusion the cuts do not matter. Between two patches of a finely cut city
 //! lie dozens of pieces of the same few façades. A shaft of façades lists fewer triangles to test and to cast rays at,
 //! and a façade proves a pair occluded where none of its pieces does.
+//!
+//! A file with nine digits holds the pieces of a turned wall some 10⁻⁹ of the scene off its plane. Such pieces are one
+//! region, too, if they are within [`ROUGH`] of one plane and of the polygon's sides; the region knows by how much
+//! ([`CoplanarRegions::unevenness`]), and exact visibility counts it as error.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
 use crate::bvh::Tree;
 use crate::geometry::cross;
+use crate::visibility::wide::WideTree;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// Distance of corners from the region's plane, at most, in parts of the tolerance by which patches are in one plane.
 const FLAT: f64 = 0.25;
+/// The same where pieces have no plane to that: 3·10⁻⁹ of the scene.
+const ROUGH: f64 = 32.0;
+/// Bound of the surfaces looked at for rough regions, for each surface of the scene.
+const MOST_LOOKED_AT: usize = 8;
 /// Bound of a region's corners: regions of more are left in pieces.
 const MOST_CORNERS: usize = 8;
 /// Difference of a region's area from the sum of its pieces', at most, in parts of it.
@@ -25,11 +34,15 @@ const SAME_AREA: f64 = 1e-9;
 pub(crate) struct CoplanarRegions {
     /// Over the triangles that regions fall into. The ids in its blocks are those of regions, not of patches.
     pub(crate) tree: Tree,
+    /// The same boxes and blocks, for segments.
+    pub(crate) wide: WideTree,
     /// The region of each patch.
     pub(crate) of_patch: Vec<u32>,
     /// Each region's corners, counter-clockwise, from `corner_start[region]` on.
     corners: Vec<DVec3>,
     corner_start: Vec<u32>,
+    /// Each region's distance from its pieces' corners, at most; 0 within [`FLAT`].
+    unevenness: Vec<f64>,
     /// Each region's pieces, as indices into the scene's surfaces, from `piece_start[region]` on.
     pieces: Vec<u32>,
     piece_start: Vec<u32>,
@@ -58,13 +71,26 @@ impl CoplanarRegions {
             surfaces,
             taken: vec![false; surfaces.len()],
         };
-        let mut region = Vec::new();
+        let (mut region, mut rough) = (Vec::new(), Vec::new());
+        let mut most_looked_at = MOST_LOOKED_AT * surfaces.len();
         for seed in order {
             growth.grow(seed, flat, &mut region);
             if region.is_empty() {
                 continue;
             }
-            if let Some(polygon) = mesh.polygon(surfaces, &region, flat) {
+            let polygon = mesh.polygon(surfaces, &region, flat);
+            if most_looked_at > 0 {
+                growth.grow_roughly(seed, ROUGH * geometry.plane_tolerance, &region, &mut rough);
+                most_looked_at = most_looked_at.saturating_sub(rough.len());
+                let wall = (rough.len() > region.len())
+                    .then(|| mesh.uneven_polygon(surfaces, &rough, ROUGH * geometry.plane_tolerance));
+                if let Some(wall) = wall.flatten() {
+                    growth.take(&rough);
+                    found.push(surfaces, &rough, &wall);
+                    continue;
+                }
+            }
+            if let Some(polygon) = polygon {
                 found.push(surfaces, &region, &polygon);
                 continue;
             }
@@ -75,7 +101,7 @@ impl CoplanarRegions {
                     Some(polygon) => found.push(surfaces, pieces, &polygon),
                     None => {
                         for &piece in pieces {
-                            found.push(surfaces, &[piece], &surfaces[piece as usize].corners);
+                            found.push(surfaces, &[piece], &Wall::of(&surfaces[piece as usize]));
                         }
                     }
                 }
@@ -88,9 +114,11 @@ impl CoplanarRegions {
     fn none(geometry: &Geometry) -> Self {
         Self {
             tree: Tree::empty(0, 0, geometry.plane_tolerance),
+            wide: WideTree::default(),
             of_patch: vec![u32::MAX; geometry.patch_count as usize],
             corners: Vec::new(),
             corner_start: vec![0],
+            unevenness: Vec::new(),
             pieces: Vec::with_capacity(geometry.surfaces.len()),
             piece_start: vec![0],
         }
@@ -116,9 +144,10 @@ impl CoplanarRegions {
             }));
         }
         self.tree = Tree::of_surfaces(&triangles, self.len(), self.tree.plane_tolerance);
+        self.wide = WideTree::of(&self.tree);
     }
 
-    fn push(&mut self, surfaces: &[Surface], pieces: &[u32], polygon: &[DVec3]) {
+    fn push(&mut self, surfaces: &[Surface], pieces: &[u32], wall: &Wall) {
         let region = self.len();
         for &piece in pieces {
             let surface = &surfaces[piece as usize];
@@ -127,7 +156,8 @@ impl CoplanarRegions {
             }
         }
         self.pieces.extend_from_slice(pieces);
-        self.corners.extend_from_slice(polygon);
+        self.corners.extend_from_slice(&wall.corners);
+        self.unevenness.push(wall.unevenness);
         let end = |len: usize| u32::try_from(len).unwrap_or(u32::MAX);
         self.piece_start.push(end(self.pieces.len()));
         self.corner_start.push(end(self.corners.len()));
@@ -144,10 +174,31 @@ impl CoplanarRegions {
         &self.corners[self.corner_start[region] as usize..self.corner_start[region + 1] as usize]
     }
 
+    /// The distance of a region from the corners of its pieces, at most: 0 where they lie in it, but for rounding.
+    pub(crate) fn unevenness(&self, region: u32) -> f64 {
+        self.unevenness[region as usize]
+    }
+
     /// The surfaces of a region.
     pub(crate) fn pieces(&self, region: u32) -> &[u32] {
         let region = region as usize;
         &self.pieces[self.piece_start[region] as usize..self.piece_start[region + 1] as usize]
+    }
+}
+
+/// A convex polygon of several surfaces.
+#[derive(Debug)]
+struct Wall {
+    corners: Vec<DVec3>,
+    unevenness: f64,
+}
+
+impl Wall {
+    fn of(surface: &Surface) -> Self {
+        Self {
+            corners: surface.corners.to_vec(),
+            unevenness: 0.0,
+        }
     }
 }
 
@@ -199,7 +250,31 @@ impl Mesh {
 
     /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` if they make up
     /// none.
-    fn polygon(&self, surfaces: &[Surface], region: &[u32], flat: f64) -> Option<Vec<DVec3>> {
+    fn polygon(&self, surfaces: &[Surface], region: &[u32], flat: f64) -> Option<Wall> {
+        let corners = self.convex(surfaces, region, flat, 0.0)?.0;
+        Some(Wall {
+            corners,
+            unevenness: 0.0,
+        })
+    }
+
+    /// The convex polygon that surfaces within `rough` of its plane and of its sides make up.
+    fn uneven_polygon(&self, surfaces: &[Surface], region: &[u32], rough: f64) -> Option<Wall> {
+        let (corners, beside) = self.convex(surfaces, region, rough, 4.0 * rough)?;
+        let sum = |k: usize| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
+        let normal = (1..corners.len() - 1).map(sum).sum::<DVec3>().try_normalize()?;
+        let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
+        let heights = region.iter().flat_map(|&s| surfaces[s as usize].corners);
+        let above = heights.map(|p| normal.dot(p - middle).abs()).fold(0.0, f64::max);
+        (above <= rough).then_some(Wall {
+            unevenness: above + beside,
+            corners,
+        })
+    }
+
+    /// [`Self::polygon`]'s corners, and the greatest distance of a corner left out from its side. `seam`: the width
+    /// along the outline by which the polygon's area may differ from its pieces'.
+    fn convex(&self, surfaces: &[Surface], region: &[u32], flat: f64, seam: f64) -> Option<(Vec<DVec3>, f64)> {
         if region.len() < 2 {
             return None;
         }
@@ -238,6 +313,7 @@ impl Mesh {
         let normal = sum.try_normalize()?;
         let count = outline.len();
         let mut corners = Vec::new();
+        let (mut beside, mut rim) = (0.0_f64, 0.0);
         for k in 0..count {
             let before = corners.last().copied().unwrap_or(outline[(k + count - 1) % count]);
             let (p, after) = (outline[k], outline[(k + 1) % count]);
@@ -248,7 +324,10 @@ impl Mesh {
                 corners.push(p);
             } else if turn < -flat * lengths {
                 return None;
+            } else if lengths > 0.0 {
+                beside = beside.max(turn.abs() / lengths);
             }
+            rim += (after - p).length();
         }
         if !(3..=MOST_CORNERS).contains(&corners.len()) {
             return None;
@@ -256,7 +335,7 @@ impl Mesh {
         let fan: f64 = (1..corners.len() - 1)
             .map(|k| normal.dot((corners[k] - corners[0]).cross(corners[k + 1] - corners[0])))
             .sum();
-        ((fan - area).abs() <= SAME_AREA * area).then_some(corners)
+        ((fan - area).abs() <= SAME_AREA * area + seam * rim).then_some((corners, beside))
     }
 }
 
@@ -271,32 +350,64 @@ impl Growth<'_> {
     /// Takes the surfaces connected to `seed` in its plane; none if `seed` is taken.
     fn grow(&mut self, seed: usize, flat: f64, region: &mut Vec<u32>) {
         region.clear();
-        if std::mem::replace(&mut self.taken[seed], true) {
+        if self.taken[seed] {
             return;
         }
-        region.push(u32::try_from(seed).unwrap_or(u32::MAX));
         let of_seed = &self.surfaces[seed];
-        let Some(normal) = cross(&of_seed.corners).try_normalize() else {
+        let normal = cross(&of_seed.corners).normalize_or_zero();
+        let is_within = |p: DVec3| normal.dot(p - of_seed.corners[0]).abs() <= flat;
+        self.reach(seed, normal, is_within, region);
+        self.take(region);
+    }
+
+    /// Finds the surfaces connected to `seed`, and not taken but those of `own`, that are in its plane to `rough`, more
+    /// beyond the seed's own size, over which its plane is known.
+    fn grow_roughly(&mut self, seed: usize, rough: f64, own: &[u32], region: &mut Vec<u32>) {
+        region.clear();
+        let of_seed = &self.surfaces[seed];
+        let [a, b, c] = of_seed.corners;
+        let across = cross(&of_seed.corners);
+        let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+        let height = across.length() / longest;
+        if height <= 0.0 || height.is_nan() {
             return;
-        };
-        let is_within = |s: &Surface| {
-            s.back.is_some() == of_seed.back.is_some()
-                && cross(&s.corners).dot(normal) > 0.0
-                && s.corners
-                    .iter()
-                    .all(|p| normal.dot(*p - of_seed.corners[0]).abs() <= flat)
-        };
+        }
+        let normal = across.normalize_or_zero();
+        let is_within = |p: DVec3| normal.dot(p - a).abs() <= rough * (1.0 + (p - a).length() / height);
+        own.iter().for_each(|&s| self.taken[s as usize] = false);
+        self.reach(seed, normal, is_within, region);
+        self.take(own);
+    }
+
+    /// Lists the surfaces connected to `seed`, and not taken, that face as it does and of which all corners are within.
+    fn reach(&self, seed: usize, normal: DVec3, is_within: impl Fn(DVec3) -> bool, region: &mut Vec<u32>) {
+        region.push(u32::try_from(seed).unwrap_or(u32::MAX));
+        if normal == DVec3::ZERO {
+            return;
+        }
+        let is_two_sided = self.surfaces[seed].back.is_some();
+        let mut listed: HashSet<u32> = region.iter().copied().collect();
         let mut at = 0;
         while at < region.len() {
             for edge in edges(self.mesh.corners[region[at] as usize]) {
                 let Some(next) = self.mesh.across(edge) else { continue };
-                if !self.taken[next as usize] && is_within(&self.surfaces[next as usize]) {
-                    self.taken[next as usize] = true;
+                let s = &self.surfaces[next as usize];
+                if !self.taken[next as usize]
+                    && !listed.contains(&next)
+                    && s.back.is_some() == is_two_sided
+                    && cross(&s.corners).dot(normal) > 0.0
+                    && s.corners.iter().all(|&p| is_within(p))
+                {
+                    listed.insert(next);
                     region.push(next);
                 }
             }
             at += 1;
         }
+    }
+
+    fn take(&mut self, region: &[u32]) {
+        region.iter().for_each(|&s| self.taken[s as usize] = true);
     }
 }
 
@@ -334,7 +445,7 @@ mod tests {
             let surfaces = &model.geometry().surfaces;
             let mut regions = Self::none(model.geometry());
             for (piece, surface) in (0u32..).zip(surfaces) {
-                regions.push(surfaces, &[piece], &surface.corners);
+                regions.push(surfaces, &[piece], &Wall::of(surface));
             }
             regions.plant(surfaces);
             regions
@@ -422,6 +533,32 @@ mod tests {
         let model = model(&city.generate().expect("a city"), Subdivision::None);
         let (regions, patches) = (sound(&model).len(), model.patches().len());
         assert!(regions * 2 < patches, "{regions} regions of {patches} patches");
+    }
+
+    /// A turned square in 32 pieces, with nine digits: no two pieces are in one plane to the tolerance.
+    #[test]
+    fn a_wall_with_nine_digits_is_one() {
+        let turn = glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 1.1);
+        let wall = |digits: f64| {
+            let at = |x: u32, y: u32| {
+                let place = turn * DVec3::new(f64::from(x) * 0.97, f64::from(y) * 1.03, 0.3);
+                (place * digits).round().to_array().map(|x| x / digits)
+            };
+            let squares = (0..4).flat_map(|x| (0..4).map(move |y| (x, y)));
+            let pieces = squares.flat_map(|(x, y)| {
+                let (a, b, c, d) = (at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1));
+                [[a, b, c], [a, c, d]]
+            });
+            model(&scene(&pieces.collect::<Vec<_>>()), Subdivision::None)
+        };
+        let regions = CoplanarRegions::of(&wall(1e9));
+        assert_eq!((regions.len(), regions.corners(0).len()), (1, 4));
+        let uneven = regions.unevenness(0);
+        assert!(uneven > 1e-11 && uneven < 3e-9, "{uneven}");
+        // With more digits it is even; with fewer it is none.
+        let regions = CoplanarRegions::of(&wall(1e14));
+        assert_eq!((regions.len(), regions.unevenness(0)), (1, 0.0));
+        assert!(CoplanarRegions::of(&wall(1e6)).len() > 8);
     }
 
     #[test]

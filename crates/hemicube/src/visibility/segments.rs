@@ -11,6 +11,7 @@ use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::wide::{Pending, WideTree};
 use glam::DVec3;
 
 /// Everything in a scene that occludes.
@@ -39,10 +40,17 @@ pub(crate) struct Segments<'a> {
     /// The planes of the emitter and of the receiver.
     planes: [Plane; 2],
     tolerance: f64,
-    pending: Vec<u32>,
+    pending: Pending,
     /// The block that stopped the segment before: it often stops the next.
     last: Option<u32>,
+    /// Work beyond [`super::shaft::STEPS_A_SEGMENT`] of each segment so far, in steps.
+    pub(crate) more_steps: u64,
 }
+
+/// Blocks on a segment's way that [`super::shaft::STEPS_A_SEGMENT`] pays for, and steps of each further one: where
+/// thousands of triangles lie in one place, every segment to it meets all their blocks. A choice; measured.
+const USUAL_BLOCKS: u64 = 64;
+const STEPS_A_FURTHER_BLOCK: u64 = 100;
 
 impl<'a> Segments<'a> {
     /// Segments from a patch to the patch `receiver`; `own` are their coplanar regions, `planes` their planes.
@@ -53,15 +61,16 @@ impl<'a> Segments<'a> {
             receiver,
             planes,
             tolerance: obstacles.regions.tree.plane_tolerance,
-            pending: Vec::new(),
+            pending: Pending::new(),
             last: None,
+            more_steps: 0,
         }
     }
 
     /// Returns whether a region crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, by
     /// lying in the receiver's plane with a smaller id. Walks down the tree along the segment.
     pub(crate) fn is_stopped(&mut self, start: DVec3, end: DVec3, at: DVec3) -> bool {
-        let tree = &self.obstacles.regions.tree;
+        let wide = &self.obstacles.regions.wide;
         let segment = Segment::new(start, end, self.tolerance);
         if let Some(block) = self.last
             && self.stops(block, &segment, at)
@@ -69,10 +78,11 @@ impl<'a> Segments<'a> {
             return true;
         }
         let mut pending = std::mem::take(&mut self.pending);
-        pending.clear();
-        pending.push(0);
+        WideTree::begin(&mut pending);
         let mut stopped = false;
-        while let Some(leaf) = dispatch_next_leaf(InstructionSet::widest(), tree, &segment, &mut pending) {
+        let mut met = 0u64;
+        while let Some(leaf) = wide.next(&segment, &mut pending) {
+            met += 1;
             if self.last != Some(leaf) && self.stops(leaf, &segment, at) {
                 self.last = Some(leaf);
                 stopped = true;
@@ -80,6 +90,7 @@ impl<'a> Segments<'a> {
             }
         }
         self.pending = pending;
+        self.more_steps += STEPS_A_FURTHER_BLOCK * met.saturating_sub(USUAL_BLOCKS);
         stopped
     }
 
@@ -118,12 +129,12 @@ impl<'a> Segments<'a> {
 /// A segment, prepared for tests against boxes and triangles.
 #[derive(Debug)]
 pub(crate) struct Segment {
-    start: [f64; 3],
+    pub(super) start: [f64; 3],
     end: [f64; 3],
     direction: [f64; 3],
-    inverse: [f64; 3],
+    pub(super) inverse: [f64; 3],
     /// Margin by which boxes are widened.
-    slack: f64,
+    pub(super) slack: f64,
 }
 
 impl Segment {

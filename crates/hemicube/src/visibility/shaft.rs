@@ -639,6 +639,7 @@ impl Shaft {
             cast.sums.all += whole;
             cast.drawn += RAYS;
         }
+        cast.steps += segments.more_steps;
         cast.drawn
     }
 }
@@ -721,6 +722,7 @@ impl Shaft {
                 break;
             }
         }
+        cast.steps += segments.more_steps;
         if filled > 0 {
             self.count(pair, &mut batch, filled, &mut cast.sums);
         }
@@ -1514,6 +1516,45 @@ mod tests {
             near += usize::from(pair.is_near);
         }
         assert!(partly > 200 && near > 20, "{partly} pairs partly visible, {near} near");
+    }
+
+    /// Sixteen thousand triangles in one place: a segment to the one that is seen passes the blocks of all, and its steps
+    /// say so. Found in a room with twenty thousand, a row of which did not end.
+    #[test]
+    fn segments_to_thousands_of_triangles_in_one_place_cost_what_they_meet() {
+        let p = DVec3::new;
+        for height in [0.5, 3.0] {
+            let mut triangles = vec![[p(-0.3, -0.3, 0.0), p(0.3, -0.3, 0.0), p(0.0, 0.3, 0.0)]];
+            triangles.extend((0..16_000).map(|k| {
+                let corner = |e: f64| {
+                    let (sin, cos) = (0.37 * f64::from(k) - e * std::f64::consts::TAU / 3.0).sin_cos();
+                    p(cos, sin, height)
+                };
+                [corner(0.0), corner(1.0), corner(2.0)]
+            }));
+            let model = made(triangles);
+            let regions = CoplanarRegions::of(&model);
+            let (obstacles, corners) = (obstacles(&model, &regions), [0, 1].map(|k| model.normalised_corners(k)));
+            let mut shaft = Shaft::default();
+            let pair = shaft.pair(
+                obstacles,
+                PatchTriangle::new(0, &corners[0]),
+                PatchTriangle::new(1, &corners[1]),
+            );
+            assert!(pair.is_crowded);
+            let mut cast = Cast::default();
+            shaft.cast(obstacles, &pair, 64, 1, &mut cast);
+            assert_eq!(
+                cast.fraction(),
+                Some(1.0),
+                "of triangles in one plane, the first is seen"
+            );
+            let blocks = regions.tree.blocks.len() as u64;
+            assert!(blocks >= 1_000, "{blocks} blocks");
+            // A quarter of the blocks at least lies round any one point.
+            let least = 64 * 100 * (blocks / 4 - 64);
+            assert!(cast.steps >= least, "{height}: {} steps, {least} at least", cast.steps);
+        }
     }
 
     #[test]

@@ -2,13 +2,13 @@
 //!
 //! Source: *Abaqus Keywords Reference* (2017: `*ELEMENT`, `*ELSET`, `*SURFACE`, `*INSTANCE`) and, for labels of sides,
 //! CalculiX 2.22's reader (`surfaces.f`) and tables of sides (`findsurface_se.f`). Files written by Gmsh 4.15 and
-//! meshio 5.3 are among the tests.
+//! meshio 5.3 are among the tests; the 355 of CalculiX's own tests (Debian's `calculix-ccx-test`) were read, too.
 //!
 //! # What becomes of what
 //! - `*SURFACE` of elements: where there is one, the scene is the faces of all of them: sides `S1` to `S6` of solids
 //!   turned out of them, `SPOS` (`S2`) and `SNEG` (`S1`) of shells, front and back. Without a label: the boundary of
 //!   solids, the front of shells. The object is the surface. A side of two surfaces is in the first; what no surface
-//!   has is left out, and counted
+//!   has is left out, and counted. Surfaces of edges alone, of elements in a plane, are left out with a warning
 //! - without surfaces, shells: a face each, quadrilaterals too; its number is the element's position among the shells
 //!   and solids of the file, from 0
 //! - without surfaces and shells, solids: the sides that belong to one of them only, turned out of it
@@ -18,16 +18,22 @@
 //!   `R3D4`, plane `CPS…`, `CPE…` and `DC2D…`, as which Gmsh writes surfaces, and axisymmetric `CAX…`, as which meshio
 //!   writes quadrilaterals, with a warning. Solids: `C3D…`, `DC3D…`, `AC3D…`, `SC6`, `SC8` of 4, 5, 6, 8, 10, 13, 15,
 //!   18, 20 and 27 nodes. Higher orders are read by their corners
-//! - beams, springs and other elements: counted, with a warning
+//! - beams, springs and other elements: counted, with a warning; their sides in surfaces and rules for them are
+//!   counted
+//! - coordinates that are left out are 0; nodes of an element's line beyond its type's are left out, as by CalculiX
 //! - `*SHELL SECTION` and its like: the material of its set
 //! - `*PART`, `*INSTANCE`: placed (translation, then rotation); sets and surfaces of several instances have the
 //!   instance's name before them
 //! - `*INCLUDE` and `INPUT=`: files in the folder of the scene or beneath, each once
-//! - `*SYSTEM`, cylindrical nodes, `*NGEN`, `*ELGEN` and their like, combined surfaces: an error
+//! - `*SYSTEM`, cylindrical nodes, `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`, `*ELCOPY`: nodes and elements made by rule,
+//!   as written out; parabolas, arcs of half a turn, poles, spherical coordinates, `*NMAP` and reflected solids are an
+//!   error. CalculiX knows none of these
+//! - `*SURFACE, COMBINE=` and `CROP`: nothing of its own, since its sides are in the surfaces that it is made of
 //! - everything else: skipped
 //!
 //! Names are the same in upper and lower case. By a reader of our own: no crate reads these files.
 
+mod generate;
 mod lines;
 mod model;
 mod resolve;
@@ -53,7 +59,7 @@ use std::path::Path;
 /// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let text = crate::text::unmarked(bytes)?;
-    let (model, size) = lines::read(text, base_dir)?;
+    let (model, size) = lines::read(text, base_dir, options)?;
     resolve::scene(model, Bounds::new(size, options))
 }
 

@@ -1,22 +1,25 @@
 //! Reads View3D's scenes (`.vs3`), in both of its geometry formats, 3 and 3a.
 //!
-//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology). The
-//! plane of format 3a follows the manual's example, a room given in both forms.
+//! Source: Walton, *View3D user manual*, input data elements (National Institute of Standards and Technology), and
+//! View3D 4.0.0, `src/getdat.c` (order, tests of subsurfaces), `src/view3d.c` (masks). The plane of format 3a follows
+//! the manual's example, a room given in both forms.
 //!
 //! # What becomes of what
 //! - `V n x y z`, `S n v1 v2 v3 v4 base cmb emit name`: a surface: triangles that share a face number, of the object
 //!   `name`; `v4` 0 makes it a triangle
 //! - format 3a: `S n R|Q|T base cmb emit name`, then origin, azimuth, tilt and measures: the same
 //! - `cmb` m: the surface is part of the object of surface m, as View3D reports them as one
-//! - `base` m: a subsurface: it is cut out of surface m
-//! - `N` (null surface): cut out of its base, and nothing in its place
+//! - `base` m: a subsurface: it is cut out of surface m, in whose plane it lies and faces as m; m may be an obstruction
+//! - `N` (null surface): cut out of its base, which it faces, and nothing in its place
+//! - `M` (masking surface): likewise, with a warning: what it covers sees the mask alone, and the mask it alone; a
+//!   [`Study`] has both
 //! - `O` (obstruction): surfaces of objects that are called `obstruction n`, and a warning that `--occluders
 //!   'obstruction*'` makes them occlude only
-//! - `M` (masking surface): an error: what it covers sees nothing else, so leave both out
 //! - `emit`: the name of the material, `emissivity 0.9`, for tables of materials to refer to
 //! - `T`: the title, skipped
 //! - `C`, `X`: settings of View3D, skipped, counted; [`study`] has them
 //! - `!`, `/`: a comment, to the end of the line
+//! - other lines: skipped, counted, with a warning
 //! - `E`, `*`: the end; what follows is not read
 //!
 //! Numbers of vertices and surfaces must run from 1 in order, by View3D's rule.
@@ -28,6 +31,15 @@ use crate::{Error, Findings, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::VecDeque;
 use std::path::Path;
+
+/// Lines of no element that a [`Study`] names.
+const SKIPPED: usize = 16;
+/// Farthest that a subsurface's corner is from the plane of its base, in radii of the subsurface: View3D's.
+const PLANE: f64 = 1e-5;
+/// Least cosine between the normals of a subsurface and its base: View3D's.
+const ALIGNED: f64 = 0.999;
+/// Farthest that a subsurface's corner is outside its base, in sizes of the base.
+const WITHIN: f64 = 1e-6;
 
 /// Reads a View3D scene from the bytes of a file.
 ///
@@ -45,15 +57,7 @@ use std::path::Path;
 /// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let text = String::from_utf8_lossy(crate::text::unmarked(bytes)?);
-    let mut reader = Reader {
-        words: Words::new(&text),
-        findings: Findings::default(),
-        vertices: Vec::new(),
-        surfaces: Vec::new(),
-        study: Study::default(),
-    };
-    reader.elements()?;
-    reader.scene(Bounds::new(bytes.len(), options))
+    Reader::of(&text)?.scene(Bounds::new(bytes.len(), options))
 }
 
 /// A View3D file as View3D's own command takes it: its settings, and the surfaces that become rows.
@@ -65,6 +69,17 @@ pub struct Study {
     pub controls: Vec<(String, String, u64)>,
     /// The surfaces in their order: a triangle's `face` is an index into them.
     pub surfaces: Vec<StudySurface>,
+    /// The first words of lines that are no element of View3D, and their lines: at most 16.
+    pub skipped: Vec<(String, u64)>,
+}
+
+/// What a masking surface covers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mask {
+    /// The surface that it covers a part of, from 0.
+    pub base: usize,
+    /// The area of that part, in the file's unit of length, squared.
+    pub area: f64,
 }
 
 /// A surface of a [`Study`].
@@ -78,6 +93,8 @@ pub struct StudySurface {
     pub emittance: f64,
     /// True if it becomes a row: no obstruction, no null surface.
     pub radiates: bool,
+    /// The part of another surface that it covers and sees alone, for a masking surface.
+    pub mask: Option<Mask>,
 }
 
 /// Reads the settings and surfaces of a View3D scene.
@@ -96,21 +113,12 @@ pub struct StudySurface {
 /// ```
 pub fn study(bytes: &[u8]) -> Result<Study, Error> {
     let text = String::from_utf8_lossy(crate::text::unmarked(bytes)?);
-    let mut reader = Reader {
-        words: Words::new(&text),
-        findings: Findings::default(),
-        vertices: Vec::new(),
-        surfaces: Vec::new(),
-        study: Study::default(),
-    };
-    reader.elements()?;
+    let reader = Reader::of(&text)?;
     let mut study = reader.study;
     for surface in &reader.surfaces {
+        let masks = surface.kind == Kind::Masking;
         if let Some(to) = surface.combined_with
-            && reader
-                .surfaces
-                .get(to)
-                .is_none_or(|to| to.combined_with.is_some() || to.kind != Kind::Radiating)
+            && is_no_whole(reader.surfaces.get(to))
         {
             let reason = format!(
                 "surface {} is no surface to combine with: it is part of another",
@@ -122,10 +130,28 @@ pub fn study(bytes: &[u8]) -> Result<Study, Error> {
             name: surface.name.clone(),
             combined_with: surface.combined_with,
             emittance: surface.emittance,
-            radiates: surface.kind == Kind::Radiating,
+            radiates: masks || surface.kind == Kind::Radiating,
+            mask: surface.base.filter(|_| masks).map(|base| Mask {
+                base,
+                area: vector_area(&surface.corners).length(),
+            }),
         });
     }
     Ok(study)
+}
+
+/// Returns whether a surface can't stand for others that are combined with it.
+fn is_no_whole(surface: Option<&Surface>) -> bool {
+    surface.is_none_or(|surface| surface.combined_with.is_some() || surface.kind != Kind::Radiating)
+}
+
+/// The area of a plane polygon, along its normal.
+fn vector_area(corners: &[DVec3]) -> DVec3 {
+    let Some((&a, rest)) = corners.split_first() else {
+        return DVec3::ZERO;
+    };
+    rest.windows(2)
+        .fold(DVec3::ZERO, |sum, edge| sum + (edge[0] - a).cross(edge[1] - a) / 2.0)
 }
 
 /// The words of a file with their lines, without comments, up to the end-of-information element.
@@ -177,6 +203,7 @@ struct Surface {
 enum Kind {
     Radiating,
     Null,
+    Masking,
     Obstruction,
 }
 
@@ -188,7 +215,20 @@ struct Reader<'a> {
     study: Study,
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
+    fn of(text: &'a str) -> Result<Self, Error> {
+        let mut reader = Self {
+            words: Words::new(text),
+            findings: Findings::default(),
+            vertices: Vec::new(),
+            surfaces: Vec::new(),
+            study: Study::default(),
+        };
+        reader.elements()?;
+        reader.bases()?;
+        Ok(reader)
+    }
+
     fn fail<T>(&self, reason: impl Into<String>) -> Result<T, Error> {
         Err(Error::malformed(reason).at(self.words.line))
     }
@@ -251,14 +291,85 @@ impl Reader<'_> {
                 Some('S') => self.surface(&words, Kind::Radiating, planes)?,
                 Some('N') => self.surface(&words, Kind::Null, planes)?,
                 Some('O') => self.surface(&words, Kind::Obstruction, planes)?,
-                Some('M') => {
-                    return Err(Error::unsupported(
-                        "masking surfaces are not read; what one covers sees nothing else, so leave it and that part \
-                         out",
-                    )
-                    .at(self.words.line));
+                Some('M') => self.surface(&words, Kind::Masking, planes)?,
+                _ => {
+                    self.findings.count("line of no element of View3D, skipped");
+                    if self.study.skipped.len() < SKIPPED {
+                        self.study.skipped.push((shown(words[0]), self.words.line));
+                    }
                 }
-                _ => return self.fail(format!("`{}` begins no element of a View3D file", shown(words[0]))),
+            }
+        }
+        if let Some((word, line)) = self.study.skipped.first() {
+            let warning = format!("line {line}: `{word}` begins no element of a View3D file, and the line is skipped");
+            self.findings.warnings.push(warning);
+        }
+        Ok(())
+    }
+
+    /// Holds subsurfaces, masks and null surfaces against their bases, by View3D's tests.
+    fn bases(&self) -> Result<(), Error> {
+        for (number, surface) in (1..).zip(&self.surfaces) {
+            let fail = |reason: String| Err(Error::malformed(format!("surface {number} {reason}")).at(surface.line));
+            let covers = matches!(surface.kind, Kind::Null | Kind::Masking);
+            if covers && surface.combined_with.is_some() {
+                return fail("covers a part of another, and can't be combined with a third".to_owned());
+            }
+            let Some(at) = surface.base else {
+                if covers {
+                    return fail("covers a part of no other: its base surface is 0".to_owned());
+                }
+                continue;
+            };
+            let Some(base) = self.surfaces.get(at) else {
+                return fail(format!("has the base surface {}, which is not there", at + 1));
+            };
+            let base_number = at + 1;
+            if at + 1 > number && (covers || base.kind != Kind::Obstruction) {
+                return fail(format!(
+                    "has the base surface {base_number}, which does not come before it"
+                ));
+            }
+            if matches!(base.kind, Kind::Null | Kind::Masking) {
+                return fail(format!(
+                    "has the base surface {base_number}, which covers another itself"
+                ));
+            }
+            let (Some(normal), Some(own)) = (
+                vector_area(&base.corners).try_normalize(),
+                vector_area(&surface.corners).try_normalize(),
+            ) else {
+                continue;
+            };
+            let count = surface.corners.len() as f64;
+            let middle = surface.corners.iter().sum::<DVec3>() / count;
+            let radius = surface.corners.iter().map(|&p| p.distance(middle)).fold(0.0, f64::max);
+            let corner = base.corners[0];
+            if surface
+                .corners
+                .iter()
+                .any(|&p| (p - corner).dot(normal).abs() > PLANE * radius)
+            {
+                return fail(format!("does not lie in the plane of its base surface {base_number}"));
+            }
+            let turned = own.dot(normal);
+            if covers && turned > -ALIGNED {
+                return fail(format!(
+                    "does not face its base surface {base_number}; turn its vertices round"
+                ));
+            }
+            if !covers && turned < ALIGNED {
+                return fail(format!(
+                    "does not face as its base surface {base_number} does; turn its vertices round"
+                ));
+            }
+            let within = WITHIN * base.corners.iter().map(|&p| p.distance(corner)).fold(radius, f64::max);
+            let beyond = |(&a, &b): (&DVec3, &DVec3)| {
+                let inward = normal.cross(b - a).normalize_or_zero();
+                surface.corners.iter().any(|&p| (p - a).dot(inward) < -within)
+            };
+            if base.corners.iter().zip(base.corners.iter().cycle().skip(1)).any(beyond) {
+                return fail(format!("is not entirely within its base surface {base_number}"));
             }
         }
         Ok(())
@@ -306,7 +417,8 @@ impl Reader<'_> {
                 number if number <= reader.surfaces.len() => Ok(Some(number - 1)),
                 number => reader.fail(format!("{what} {number} does not come before this surface")),
             };
-            surface.base = before(self, attributes, "base surface")?;
+            // A base may be an obstruction, which come last.
+            surface.base = self.whole(words.get(attributes), "base surface")?.checked_sub(1);
             surface.combined_with = before(self, attributes + 1, "combination surface")?;
             let emissivity = self.number(words.get(attributes + 2), "the emissivity")?;
             surface.emittance = emissivity;
@@ -385,6 +497,12 @@ impl Reader<'_> {
         // Beyond one for each surface.
         let mut piece_count = 0_u64;
         for surface in &self.surfaces {
+            pieces.push(match surface.kind {
+                Kind::Null | Kind::Masking => Vec::new(),
+                _ => vec![surface.corners.clone()],
+            });
+        }
+        for surface in &self.surfaces {
             if let Some(base) = surface.base {
                 let base_of = pieces
                     .get_mut(base)
@@ -404,10 +522,6 @@ impl Reader<'_> {
                     .triangles(piece_count, 0)
                     .map_err(|error| error.at(surface.line))?;
             }
-            pieces.push(match surface.kind {
-                Kind::Null => Vec::new(),
-                _ => vec![surface.corners.clone()],
-            });
         }
         let mut obstructions = 0_u64;
         for ((face, surface), pieces) in (0..).zip(&self.surfaces).zip(&pieces) {
@@ -434,6 +548,16 @@ impl Reader<'_> {
                     });
                 }
             }
+        }
+        let masked = self.surfaces.iter().filter(|surface| surface.kind == Kind::Masking);
+        let areas: Vec<f64> = masked.map(|surface| vector_area(&surface.corners).length()).collect();
+        if !areas.is_empty() {
+            scene.findings.warnings.push(format!(
+                "{} masking surfaces and what they cover, {} of area, are left out: they see each other alone; \
+                 `hemicube view3d` has their rows",
+                areas.len(),
+                areas.iter().sum::<f64>()
+            ));
         }
         if obstructions > 0 {
             scene.findings.warnings.push(format!(
@@ -504,8 +628,33 @@ mod tests {
         );
         let facing = |t: &Triangle| (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).y < 0.0;
         assert!(scene.triangles.iter().all(facing));
-        let null = open(&WALL.replace("S 2", "N 2")).unwrap();
-        assert!((area_of(&null, "wall") - 11.0).abs() < 1e-12 && area_of(&null, "window") == 0.0);
+        // What covers a part of another faces it.
+        for covers in ["N", "M"] {
+            let scene = open(&WALL.replace("S 2 5 6 7 8", &format!("{covers} 2 8 7 6 5"))).unwrap();
+            assert!((area_of(&scene, "wall") - 11.0).abs() < 1e-12 && area_of(&scene, "window") == 0.0);
+            let warns = scene
+                .findings
+                .warnings
+                .iter()
+                .any(|warning| warning.contains("1 of area"));
+            assert_eq!(warns, covers == "M", "{:?}", scene.findings.warnings);
+        }
+    }
+
+    #[test]
+    fn a_mask_has_a_row_and_an_obstruction_may_be_a_base() {
+        let found = study(WALL.replace("S 2 5 6 7 8", "M 2 8 7 6 5").as_bytes()).unwrap();
+        let masks: Vec<_> = found.surfaces.iter().map(|s| (s.radiates, s.mask)).collect();
+        let mask = Some(Mask { base: 0, area: 1.0 });
+        assert_eq!(masks, [(true, None), (true, mask), (true, None)]);
+        // The wall obstructs, the window in it radiates.
+        let text = WALL
+            .replace("S 1 1 2 3 4 0 0 0.9 wall ! the wall\n", "")
+            .replace("S 2 5 6 7 8 1", "S 1 5 6 7 8 2")
+            .replace("S 3 9 5 8 0 1 1 0.9 part", "O 2 1 2 3 4");
+        let scene = open(&text).unwrap();
+        assert_eq!(scene.objects, ["window", "obstruction 2"]);
+        assert!((area_of(&scene, "obstruction 2") - 11.0).abs() < 1e-12);
     }
 
     #[test]
@@ -541,22 +690,55 @@ mod tests {
             ("V 2 4 0 0", "V 2 4 0 nan", "line 5: `nan` is no number"),
             ("V 2 4 0 0", "V 2 4", "line 5: the line ends before a coordinate"),
             ("S 1 1 2 3 4", "S 1 1 2 3 14", "line 13: vertex 14 is not there"),
-            ("7 8 1 0", "7 8 5 0", "line 14: base surface 5 does not come before"),
-            ("S 2", "M 2", "line 14: masking surfaces"),
+            (
+                "7 8 1 0",
+                "7 8 5 0",
+                "line 14: surface 2 has the base surface 5, which is not there",
+            ),
+            (
+                "7 8 1 0",
+                "7 8 3 0",
+                "line 14: surface 2 has the base surface 3, which does not come before",
+            ),
+            ("S 2", "M 2", "line 14: surface 2 does not face its base surface 1"),
+            (
+                "S 2 5 6 7 8",
+                "S 2 8 7 6 5",
+                "line 14: surface 2 does not face as its base surface 1 does",
+            ),
+            (
+                "S 2 5 6 7 8 1 0",
+                "N 2 8 7 6 5 0 0",
+                "line 14: surface 2 covers a part of no other",
+            ),
+            (
+                "S 2 5 6 7 8 1 0",
+                "N 2 8 7 6 5 1 1",
+                "line 14: surface 2 covers a part of another, and",
+            ),
+            (
+                "V 7 2 0 2",
+                "V 7 2 .1 2",
+                "line 14: surface 2 does not lie in the plane",
+            ),
+            ("V 6 2 0 1", "V 6 5 0 1", "line 14: surface 2 is not entirely within"),
             ("F 3\n", "", "line 12: a surface before the line `F 3`"),
             ("F 3\n", "F 2\n", "line 3: only the geometry formats"),
-            ("C encl=0", "Q encl=0", "line 2: `Q` begins no element"),
         ] {
             let message = open(&WALL.replacen(from, to, 1)).unwrap_err().to_string();
             assert!(message.starts_with(expected), "{message}");
         }
+        let skips = WALL.replace("C encl=0", "Q encl=0");
+        let warnings = open(&skips).unwrap().findings.warnings;
+        assert!(warnings[0].starts_with("line 2: `Q` begins no element"), "{warnings:?}");
+        assert_eq!(study(skips.as_bytes()).unwrap().skipped, [("Q".to_owned(), 2)]);
     }
 
     #[test]
     fn a_study_has_settings_and_rows() {
         let text = WALL
             .replace("C encl=0", "C encl=1,out = 2 , EPS=1.e-5")
-            .replace("S 2", "N 2")
+            .replace("S 2 5 6 7 8", "N 2 8 7 6 5")
             .replace("V 2 4 0 0", "V 2 4,0,0");
         let found = study(text.as_bytes()).unwrap();
         let control = |name: &str, value: &str| (name.to_owned(), value.to_owned(), 2);
@@ -581,7 +763,8 @@ mod tests {
         // A chain of combined surfaces, and one with a null surface.
         for text in [
             WALL.replace("end\n", "S 4 9 5 8 0 0 3 0.9 chain\nend\n"),
-            WALL.replace("S 2", "N 2").replace("0 1 1 0.9 part", "0 1 2 0.9 part"),
+            WALL.replace("S 2 5 6 7 8", "N 2 8 7 6 5")
+                .replace("0 1 1 0.9 part", "0 1 2 0.9 part"),
         ] {
             let message = study(text.as_bytes()).unwrap_err().to_string();
             assert!(message.contains("no surface to combine with"), "{message}");

@@ -10,6 +10,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;
 use hemicube::{InputPatch, Model};
+use hemicube_spatial::whole;
 use std::path::{Path, PathBuf};
 use std::process::{Command as Process, Stdio};
 use std::sync::Arc;
@@ -87,12 +88,7 @@ pub(super) fn sample(model: &Model, rows: usize, run: usize) -> Vec<Hemicube> {
     if order.len() <= run {
         return order.iter().flat_map(|&p| model.hemicubes(p, 1, true)).collect();
     }
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "below the number of patches"
-    )]
-    let start = |place: usize| (spread(place) * (order.len() - run) as f64) as usize;
+    let start = |place: usize| whole::to_usize(spread(place) * (order.len() - run) as f64);
     (0..rows.div_ceil(run))
         .flat_map(|place| order[start(place)..].iter().take(run))
         .flat_map(|&p| model.hemicubes(p, 1, true))
@@ -102,12 +98,7 @@ pub(super) fn sample(model: &Model, rows: usize, run: usize) -> Vec<Hemicube> {
 
 /// Affordable number of rows of a choice, and the number of neighbours among them.
 fn rows_of_choice(affordable: f64) -> (usize, usize) {
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted"
-    )]
-    let rows = (affordable as usize).clamp(RUN, PLACES * NEIGHBOURS);
+    let rows = whole::to_usize(affordable).clamp(RUN, PLACES * NEIGHBOURS);
     let neighbours = (rows / PLACES).max(RUN);
     (rows / neighbours * neighbours, neighbours)
 }
@@ -432,12 +423,7 @@ impl Bench<'_> {
         let each = original.seconds / few.len() as f64;
         (original.seconds, original.wall) = (f64::INFINITY, f64::INFINITY);
         let affordable = settings.seconds / (f64::from(settings.turns) * each.max(1e-9));
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "saturation is wanted"
-        )]
-        let runs = (affordable / RUN as f64) as usize;
+        let runs = whole::to_usize(affordable / RUN as f64);
         let rows = (runs.max(1) * RUN).min(settings.rows as usize);
         Ok(sample(&ready.model, rows, RUN))
     }

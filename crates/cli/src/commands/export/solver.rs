@@ -27,7 +27,14 @@ pub(super) fn files(arguments: &Arguments) -> Option<Vec<PathBuf>> {
         SolverFormat::OpenFoam => Some(["F", "globalFaceFaces", "mapDist"].map(|name| output.join(name)).into()),
         SolverFormat::Udales => {
             let name = output.file_name()?.to_string_lossy().replace("vfsparse", "svf");
-            Some(vec![output.to_owned(), output.with_file_name(name)])
+            let beside = output.with_file_name(name);
+            // A name of another form is refused with the matrix.
+            let both = if beside == output {
+                vec![beside]
+            } else {
+                vec![output.to_owned(), beside]
+            };
+            Some(both)
         }
         _ => None,
     }

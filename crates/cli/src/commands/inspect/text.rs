@@ -6,6 +6,7 @@ use crate::report::{self, Listing, about, count, counted, duration, figures, per
 use hemicube::diagnose::{FindingKind, Unit};
 use hemicube::driver::storage_policy::StoragePolicy;
 use hemicube::store::Form;
+use hemicube_spatial::whole;
 
 /// Examples shown of each finding; the JSON report has them all.
 const EXAMPLES_SHOWN: usize = 3;
@@ -208,12 +209,7 @@ const WIDE: f64 = 1.3;
 /// Adds disk, time and memory of all rows.
 fn add_cost(list: &mut Listing, report: &Report) {
     let forecast = &report.forecast;
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "saturation is wanted"
-    )]
-    let (bytes, compact) = (forecast.bytes as u64, forecast.bytes_compact as u64);
+    let (bytes, compact) = (whole::to_u64(forecast.bytes), whole::to_u64(forecast.bytes_compact));
     let keep = StoragePolicy::choose(
         None,
         None,
@@ -316,8 +312,7 @@ fn findings_text(diagnosis: &DiagnosisReport) -> String {
 fn finding_text(report: &FindingReport) -> String {
     let finding = &report.finding;
     let kind = finding.kind;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count")]
-    let number = finding.estimate.round() as u64;
+    let number = whole::to_u64(finding.estimate.round());
     let mut list = Listing::default();
     if finding.is_estimate() {
         list.add(

@@ -8,6 +8,7 @@ use crate::selection::matches_glob;
 use anyhow::{Result, anyhow, bail};
 use glam::{DVec2, DVec3};
 use hemicube::frame::{Horizon, axes_of};
+use hemicube_spatial::whole;
 use std::collections::BTreeSet;
 
 /// Most cells of a grid.
@@ -191,8 +192,7 @@ impl Layout {
         }
         // The grid lies in the middle of its surfaces.
         let rest = (cells * step - size) * 0.5;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounded above")]
-        let (columns, rows) = (cells.x as usize, cells.y as usize);
+        let (columns, rows) = (whole::to_usize(cells.x), whole::to_usize(cells.y));
         Ok(Self {
             frame,
             step,
@@ -219,12 +219,7 @@ impl Layout {
 
     /// Calls `meet` for every cell with its middle on a triangle, with the height there.
     fn each(&self, mut meet: impl FnMut(usize, f64, usize)) {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "clamped to the grid"
-        )]
-        let cell = |at: f64, count: usize| at.clamp(0.0, count as f64) as usize;
+        let cell = |at: f64, count: usize| whole::to_usize(at).min(count);
         for &([a, b, c], place) in &self.triangles {
             let (p, q, r) = (a.truncate(), b.truncate(), c.truncate());
             let area = (q - p).perp_dot(r - p);

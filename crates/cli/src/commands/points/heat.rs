@@ -36,13 +36,13 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
     Ok((store, solution))
 }
 
-/// Radiosities by triangle in W/m², and the temperatures of sky, ground and backs in kelvin.
+/// Radiosities by triangle in W/m², and the temperatures of sky and ground in kelvin.
 pub(super) struct Heat {
     radiosity: Vec<f64>,
     /// True if surfaces are black, and mirrors and panes emit what they absorb; otherwise radiosities are what leaves
     /// diffusely.
     is_of_kept: bool,
-    outside: [f64; 3],
+    outside: [f64; 2],
 }
 
 impl Heat {
@@ -86,8 +86,7 @@ impl Heat {
                 None => radiosity,
             },
             is_of_kept: false,
-            // Backs exchange nothing in `solve`: what a sensor meets there counts as what lay outside.
-            outside: [sky, ground, ambient.unwrap_or(ground)],
+            outside: [sky, ground],
         })
     }
 
@@ -143,16 +142,15 @@ impl Heat {
         Ok(Self {
             radiosity,
             is_of_kept: true,
-            outside: [sky, ground, ground],
+            outside: [sky, ground],
         })
     }
 
     /// Refuses rows that see what has no temperature.
     pub(super) fn require_outside<'a>(&self, mut rows: impl Iterator<Item = &'a SensorRow>) -> Result<()> {
-        let [sky, ground, backs] = self.outside;
+        let [sky, ground] = self.outside;
         let is_seen = |share: f64, kelvin: f64| share > 0.0 && kelvin.is_nan();
-        let sees =
-            |row: &&SensorRow| is_seen(row.sky, sky) || is_seen(row.ground, ground) || is_seen(row.blocked, backs);
+        let sees = |row: &&SensorRow| is_seen(row.sky, sky) || is_seen(row.ground, ground);
         match rows.find(sees) {
             None => Ok(()),
             Some(_) => Err(hinted(
@@ -164,10 +162,13 @@ impl Heat {
 
     /// The mean radiant temperature of a row in kelvin.
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
+        let [sky, ground] = self.outside;
+        // Backs exchange nothing in `solve`, and have no temperature here.
+        let outside = [sky, ground, f64::NAN];
         if self.is_of_kept && !row.passed.is_empty() {
-            row.kept().mean_radiant_temperature(&self.radiosity, self.outside)
+            row.kept().mean_radiant_temperature(&self.radiosity, outside)
         } else {
-            row.mean_radiant_temperature(&self.radiosity, self.outside)
+            row.mean_radiant_temperature(&self.radiosity, outside)
         }
     }
 }

@@ -13,7 +13,7 @@ use glam::DVec3;
 use hemicube::diagnose::Place;
 use hemicube::points::{SensorRow, Table, sides, write_rows};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::Path;
 
@@ -72,8 +72,14 @@ pub(super) fn keeps_patches(arguments: &Arguments) -> bool {
     arguments.output.iter().any(is_npz)
 }
 
-/// Groups of patches: the columns of tables.
+/// Columns of tables that are no group.
+const OWN_COLUMNS: [&str; 13] = [
+    "point", "x", "y", "z", "nx", "ny", "nz", "place", "sky", "ground", "blocked", "change", "mrt",
+];
+
+/// Groups of patches: the columns of tables. Those of one name are one.
 pub(super) struct Groups {
+    by: By,
     names: Vec<String>,
     /// By patch; `None`: each patch is a group.
     of_patch: Option<Vec<u32>>,
@@ -82,40 +88,52 @@ pub(super) struct Groups {
 impl Groups {
     pub(super) fn new(by: By, prepared: &Prepared) -> Self {
         let scene = &prepared.scene;
-        let of = |index: fn(&hemicube_scene::Triangle) -> u32| {
-            let patches = prepared.patches.iter();
-            Some(
-                patches
-                    .map(|patch| index(&scene.triangles[prepared.patches.triangle(patch)]))
-                    .collect(),
-            )
-        };
-        let named = |names: Vec<&String>, what: &str| {
-            let name = |(at, name): (usize, &String)| {
-                if name.is_empty() {
+        // The group of each index of the scene: the first of its name.
+        let made = |what: &str, names: Vec<&String>, index: fn(&hemicube_scene::Triangle) -> u32| {
+            let (mut groups, mut known, mut of_index) = (Vec::new(), HashMap::new(), Vec::new());
+            for (at, name) in names.into_iter().enumerate() {
+                let name = if name.is_empty() {
                     format!("{what} {at}")
                 } else {
                     name.clone()
-                }
+                };
+                let group = *known.entry(name.clone()).or_insert_with(|| {
+                    groups.push(name);
+                    u32::try_from(groups.len() - 1).unwrap_or(u32::MAX)
+                });
+                of_index.push(group);
+            }
+            let of = |patch| {
+                let index = index(&scene.triangles[prepared.patches.triangle(patch)]) as usize;
+                of_index.get(index).copied().unwrap_or(0)
             };
-            names.into_iter().enumerate().map(name).collect()
+            Self {
+                by,
+                names: groups,
+                of_patch: Some(prepared.patches.iter().map(of).collect()),
+            }
         };
         match by {
-            By::Object => Self {
-                names: named(scene.objects.iter().collect(), "object"),
-                of_patch: of(|triangle| triangle.object),
-            },
-            By::Material => Self {
-                names: named(
-                    scene.materials.iter().map(|material| &material.name).collect(),
-                    "material",
-                ),
-                of_patch: of(|triangle| triangle.material),
-            },
+            By::Object => made("object", scene.objects.iter().collect(), |triangle| triangle.object),
+            By::Material => {
+                let names = scene.materials.iter().map(|material| &material.name);
+                made("material", names.collect(), |triangle| triangle.material)
+            }
             By::Patch => Self {
+                by,
                 names: Vec::new(),
                 of_patch: None,
             },
+        }
+    }
+
+    /// The column of a group: its name, with its kind where another column has that name.
+    fn column(&self, group: u32) -> String {
+        let name = self.name(group);
+        match self.by {
+            By::Object if OWN_COLUMNS.contains(&name.as_str()) => format!("{name} (object)"),
+            By::Material if OWN_COLUMNS.contains(&name.as_str()) => format!("{name} (material)"),
+            _ => name,
         }
     }
 
@@ -197,8 +215,11 @@ impl Column {
                 anyhow!("`--column mrt` needs radiosities"),
                 "`--solution DIR` has them, and `--temperatures FILE` those of black surfaces",
             )),
-            Some(name) => match groups.names.iter().position(|known| known == name) {
-                Some(group) => Ok(Self::Group(u32::try_from(group).unwrap_or(u32::MAX))),
+            Some(name) => match (0..)
+                .zip(&groups.names)
+                .find(|(group, _)| groups.column(*group) == name)
+            {
+                Some((group, _)) => Ok(Self::Group(group)),
                 None => Err(hinted(
                     anyhow!("`--column {name}` is neither sky, ground, blocked, mrt nor a column of the table"),
                     format!(
@@ -336,7 +357,7 @@ impl Written<'_> {
         header.push_str(if self.has_heat() { ",mrt" } else { "" });
         for &group in &seen {
             header.push(',');
-            header.push_str(&field(&self.groups.name(group)));
+            header.push_str(&field(&self.groups.column(group)));
         }
         let mut file = PendingFile::create(path)?;
         let cannot = || format!("`{}` cannot be written", path.display());
@@ -398,12 +419,7 @@ impl Written<'_> {
         let row = &self.rows[at];
         let mut factors = Map::new();
         for &(group, factor) in &row.groups {
-            // Groups of one name are one.
-            let before = factors
-                .get(&self.groups.name(group))
-                .and_then(Value::as_f64)
-                .unwrap_or(0.0);
-            factors.insert(self.groups.name(group), json!(before + factor));
+            factors.insert(self.groups.name(group), json!(factor));
         }
         let mut of_row = json!({
             "point": row.sensor,

@@ -3,6 +3,7 @@
 use super::blocks::Blocks;
 use crate::prepare::Prepared;
 use glam::DVec3;
+use hemicube_spatial::whole;
 use std::collections::HashMap;
 
 const STEPS: f64 = 65535.0;
@@ -20,13 +21,12 @@ impl Bounds {
         (self.high - self.low).max_element() / STEPS
     }
 
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 65535")]
     fn grid(&self, corner: DVec3) -> [u16; 3] {
         let (place, extent) = ((corner - self.low).to_array(), (self.high - self.low).to_array());
         [0, 1, 2].map(|axis| {
             // Along an axis, a flat scene has one place.
             if extent[axis] > 0.0 {
-                (place[axis] / extent[axis] * STEPS).round().clamp(0.0, STEPS) as u16
+                whole::to_u16((place[axis] / extent[axis] * STEPS).round().clamp(0.0, STEPS))
             } else {
                 0
             }

@@ -1,6 +1,7 @@
 //! Histograms as SVG in the page's colours, light and dark.
 
 use crate::report::{count, figures};
+use hemicube_spatial::whole;
 use std::fmt::Write;
 
 const BINS: usize = 40;
@@ -30,8 +31,7 @@ pub(super) fn histogram(values: &[f64], what: &str, logarithmic: bool) -> Option
     let mut bins = [0u64; BINS];
     for value in &shown {
         let place = (value - from) / (to - from) * BINS as f64;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 40")]
-        let bin = (place as usize).min(BINS - 1);
+        let bin = whole::to_usize(place).min(BINS - 1);
         bins[bin] += 1;
     }
     let most = bins.iter().copied().max().unwrap_or(1).max(1);

@@ -301,7 +301,12 @@ impl Exchange {
         };
         let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
         let enclosures = self.enclosures.as_ref();
-        Some(Results::new(by, surfaces, balance, enclosures.map(|found| (found, of))).with_emissivities(self.of_scene))
+        let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
+        Some(
+            Results::new(by, surfaces, balance, enclosures.map(|found| (found, of)))
+                .with_residual(residual)
+                .with_emissivities(self.of_scene),
+        )
     }
 }
 

@@ -14,8 +14,10 @@ use std::path::Path;
 
 /// Surfaces in the table on the terminal; the others are in the files.
 const SURFACES_SHOWN: usize = 40;
-/// Heat below this part of all that flows is shown as 0: the residual of the iteration.
+/// Heat below this part of all that flows is shown as 0.
 const ROUNDING: f64 = 1e-6;
+/// Likewise below the residual of the iteration, and this, in all that surfaces send.
+const LEAST_RESIDUAL: f64 = 1e-13;
 /// Enclosures named.
 const ENCLOSURES_SHOWN: usize = 6;
 /// Names of an enclosure.
@@ -96,6 +98,9 @@ pub(super) struct Results {
     /// Number of surfaces with emissivities of the scene's file, and the least and greatest.
     #[serde(skip_serializing_if = "Option::is_none")]
     emissivities_of_scene: Option<(usize, f64, f64)>,
+    /// Heat that the iteration and the rounding of numbers leave, in W: the table shows less as 0.
+    #[serde(skip)]
+    left: f64,
 }
 
 impl Results {
@@ -114,7 +119,15 @@ impl Results {
             enclosures,
             alone,
             emissivities_of_scene: None,
+            left: ROUNDING * balance.given_off.max(-balance.taken_up),
         }
+    }
+
+    /// With the relative residual of the iteration.
+    pub(super) fn with_residual(mut self, residual: f64) -> Self {
+        let sent: f64 = self.surfaces.iter().map(|of| of.area * of.radiosity).sum();
+        self.left = self.left.max(residual.max(LEAST_RESIDUAL) * sent);
+        self
     }
 
     pub(super) fn with_emissivities(mut self, of_scene: Option<(usize, f64, f64)>) -> Self {
@@ -147,10 +160,8 @@ impl Results {
             "most, K",
             "radiosity, W/m²",
         ];
-        // What is rounding beside the heat that flows is none.
-        let least = ROUNDING * self.balance.given_off.max(-self.balance.taken_up);
         let heat = |heat: f64, scale: f64| {
-            if heat.abs() <= least {
+            if heat.abs() <= self.left {
                 "0".to_owned()
             } else {
                 five(heat / scale)
@@ -218,6 +229,13 @@ impl Results {
             surroundings,
             error,
         } = self.balance;
+        if given_off.max(-taken_up).max(surroundings.abs()) <= self.left {
+            return format!(
+                "none flows: what is left, {} W given off and {} W taken up, is rounding",
+                five(given_off),
+                five(-taken_up)
+            );
+        }
         format!(
             "{} W given off, {} W taken up, {} W to the surroundings; error {} W, {} of it: A[i] F[i, j] is not A[j] \
              F[j, i]",
@@ -389,6 +407,7 @@ mod tests {
             ..HeatBalance::default()
         };
         let results = Results::new(By::Object, (0..50).map(surface).collect(), balance, None);
+        assert!(results.sum().contains("2.0000 W given off"), "{}", results.sum());
         let text = results.text();
         assert!(text.contains("wall, 49") && !text.contains("wall, 9 ") && text.contains("10 with less heat"));
         let csv = results.csv();

@@ -20,6 +20,7 @@ use hemicube::portal::Specular;
 use hemicube::portal::sight::{PathEnd, ThroughPortals};
 use hemicube::store::Store;
 use hemicube::{Grouping, InputPatch};
+use hemicube_spatial::whole;
 use std::path::PathBuf;
 
 /// Part of a pixel's colour that is of what is seen in a mirror or through a pane.
@@ -318,13 +319,7 @@ impl Rendered {
         };
         std::array::from_fn(|k| {
             let mixed = (1.0 - BEHIND) * f64::from(own[k]) + BEHIND * f64::from(behind[k]);
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "between two bytes"
-            )]
-            let mixed = mixed.round() as u8;
-            mixed
+            whole::to_u8(mixed.round())
         })
     }
 

@@ -2,6 +2,7 @@
 
 use crate::picture::canvas::{Color, NOTHING, id_color};
 use hemicube::face::{Face, Items};
+use hemicube_spatial::whole;
 
 /// Colour of a view blocked by the back of a one-sided patch.
 pub(super) const BLOCKED: Color = [40, 40, 40];
@@ -36,11 +37,6 @@ fn unfold(x: f64, y: f64) -> Option<(Face, f64, f64)> {
 }
 
 /// The place in the atlas of a pixel of the unfolded picture of 2N × 2N.
-#[allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "places on a face lie in its pixels"
-)]
 pub(super) fn atlas_place(column: usize, row: usize, resolution: u32) -> Option<(Face, u32, u32)> {
     let n = f64::from(resolution);
     let (x, y) = (
@@ -49,7 +45,7 @@ pub(super) fn atlas_place(column: usize, row: usize, resolution: u32) -> Option<
     );
     let (face, u, v) = unfold(x, y)?;
     let low = if face.is_top() { -1.0 } else { 0.0 };
-    let at = |value: f64, low: f64, most: u32| (((value - low) * n / 2.0) as u32).min(most - 1);
+    let at = |value: f64, low: f64, most: u32| whole::to_u32((value - low) * n / 2.0).min(most - 1);
     Some((face, at(u, -1.0, resolution), at(v, low, face.rows(resolution))))
 }
 

@@ -41,8 +41,11 @@ const FINEST_OF_LARGE: f64 = 1e-4;
 const PATCHES_A_WALL: usize = 4;
 /// Number of patches up to which pairs are kept for their other row: 24 bytes a pair, 50 MB.
 const MOST_KEPT: usize = 2_048;
-/// Bound of the points at one pair, times the square of the number of its occluders and one: a point's cost grows so.
-const MOST_POINTS: usize = 2_000_000;
+/// Bound of the points at one pair at 0.01 %, times the square of the number of its occluders and one: a point's cost
+/// grows so. At a finer tolerance T, more by √(0.01 % / T): where shadows' edges cross on curves, points grow by T^(−1/3).
+const MOST_POINTS: f64 = 2e6;
+/// Tolerance from which on pairs may take more points.
+const FINE: f64 = 1e-4;
 /// Rays at a pair before it is asked how many it needs, and the growth of their number.
 const FIRST_RAYS: usize = 256;
 const GROWTH: usize = 4;
@@ -57,6 +60,15 @@ pub(crate) fn is_worth(model: &Model, tolerance: f64) -> bool {
     tolerance <= FINEST_OF_LARGE
         && model.patches().len() <= MOST_KEPT
         && CoplanarRegions::of(model).len() as usize * PATCHES_A_WALL <= model.geometry().surfaces.len()
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "at most 10¹⁰, and positive"
+)]
+fn most_points(tolerance: f64) -> usize {
+    (MOST_POINTS * (FINE / tolerance).sqrt().clamp(1.0, 100.0)) as usize
 }
 
 /// A pair, measured.
@@ -266,7 +278,7 @@ impl Refiner<'_> {
         let bound = Bound {
             unoccluded: exchange_area,
             enough: EACH_SHARE * self.refinement.tolerance * exchange_area.max(least),
-            most_points: MOST_POINTS,
+            most_points: most_points(self.refinement.tolerance),
         };
         // By rays as long as they are cheaper: with many occluders and a small factor.
         let listed = self.shaft.regions(obstacles.regions, &pair).count() as u64;

@@ -23,7 +23,7 @@
 use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, Sides};
 use crate::factor::{EdgeTerms, contour, nineteen};
 use crate::geometry::{self, crossing, in_front};
-use crate::visibility::bodies::Bodies;
+use crate::visibility::bodies::{Bodies, BodyEdge};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::shaft::{Shaft, TrianglePair};
 use glam::DVec3;
@@ -47,6 +47,12 @@ const BESIDE: f64 = 1e-10;
 const LEAST_SHARE: f64 = 0.02;
 /// Part of a cell's factor, for the square of the share of area beyond a critical line, that its points may miss there.
 const MISSED: f64 = 0.05;
+/// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
+const UNEVEN: f64 = 4.0;
+/// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
+const MOST_FACES: usize = 6;
+/// In place of a body.
+const NO_BODY: u32 = u32::MAX;
 /// Bound of the divisions of the outer triangle down to a cell.
 const MOST_DEPTH: u32 = 60;
 
@@ -58,12 +64,28 @@ struct Line {
     /// n · x − `offset`, in the outer plane the distance from the line.
     normal: DVec3,
     offset: f64,
-    /// The edge and the corner that pass each other; `None` for the plane of an occluder.
-    event: Option<([DVec3; 2], DVec3)>,
+    /// `None` for the plane of an occluder.
+    event: Option<Event>,
     /// The occluders that it is of; the same twice if it is of one.
     of: [u32; 2],
     /// True if an occluder stands on the outer triangle there: B has a step.
     is_contact: bool,
+}
+
+/// An edge and a corner that pass each other.
+#[derive(Clone, Copy, Debug)]
+struct Event {
+    edge: [DVec3; 2],
+    corner: DVec3,
+    /// Index in [`CriticalCells::spokes_of`]; `None` for a corner of the target.
+    of_corner: Option<u32>,
+}
+
+/// An edge from an occluder's corner, with a point of the occluder on either side.
+#[derive(Clone, Copy, Debug)]
+struct Spoke {
+    to: DVec3,
+    sides: [DVec3; 2],
 }
 
 /// A cell of the outer triangle.
@@ -129,6 +151,20 @@ pub(crate) struct CriticalCells {
     /// True for faces of convex bodies round which the outer triangle lies: they matter from their front only.
     is_face: Vec<bool>,
     regions: Vec<u32>,
+    /// The body of each occluder that is a face of one which is taken as a whole; [`NO_BODY`] of others.
+    whole: Vec<u32>,
+    /// Bodies whose shadows a point has.
+    shadowed: Vec<u32>,
+    /// The middle of each occluder.
+    middles: Vec<DVec3>,
+    /// The occluders on the other side of edges, a run for each edge.
+    mates: Vec<u32>,
+    mates_of: Vec<Range<usize>>,
+    /// The edges at corners, a run for each corner: none where an edge has an occluder on one side only.
+    spokes: Vec<Spoke>,
+    spokes_of: Vec<Range<usize>>,
+    /// The number of each occluder's first edge, and of its first corner.
+    first_edge: Vec<usize>,
     lines: Vec<Line>,
     /// Indices of occluders and of lines: each cell has a run of either.
     relevant: Vec<u32>,
@@ -145,12 +181,19 @@ pub(crate) struct CriticalCells {
     created: u32,
     slack: f64,
     beside: f64,
+    /// The greatest unevenness of an occluder.
+    unevenness: f64,
 }
 
 /// What a pair's cells have in common.
 struct View<'a> {
     target: &'a [DVec3],
     inner: &'a [DVec3; 3],
+    /// Middle of the target's corners.
+    middle: DVec3,
+    bodies: &'a Bodies,
+    /// Origin of the pair's coordinates.
+    origin: DVec3,
     /// Mean unoccluded factor.
     mean: f64,
     /// Error at which a hidden cell is evaluated in closed form.
@@ -179,16 +222,21 @@ impl CriticalCells {
         self.list_occluders(shaft, regions, bodies, pair, normals)?;
         if !pair.receiver_is_smaller {
             for triangle in &pair.coplanar {
-                self.push_occluder(Polygon::of(triangle), false);
+                self.push_occluder(Polygon::of(triangle), false, NO_BODY);
             }
         }
+        let target = in_front(sides.inner, sides.outer[0], sides.outer_normal, 0.0)?;
+        self.leave_out(sides.outer, target.corners());
         if self.occluders.len() > MOST_OCCLUDERS {
             return None;
         }
-        let target = in_front(sides.inner, sides.outer[0], sides.outer_normal, 0.0)?;
+        self.find_joints();
         self.find_lines(target.corners(), sides.outer, sides.outer_normal, tolerance);
         let view = View {
             target: target.corners(),
+            middle: target.corners().iter().sum::<DVec3>() / target.len() as f64,
+            bodies,
+            origin: pair.origin,
             inner: sides.inner,
             mean: bound.unoccluded / geometry::area(sides.outer),
             enough: 1e-3 * bound.enough,
@@ -216,9 +264,12 @@ impl CriticalCells {
             }
         }
         let found = self.refine(cells, &view, bound)?;
+        // Shadows' edges are off by as much, of a triangle so large.
+        let size = geometry::area(sides.outer).min(geometry::area(sides.inner)).sqrt();
         Some(BlockedExchange {
             exchange: found.exchange + fixed,
-            ..found
+            error: found.error + (UNEVEN * self.unevenness / size).min(1.0) * bound.unoccluded,
+            points: found.points,
         })
     }
 
@@ -274,6 +325,8 @@ impl CriticalCells {
         self.occluders.clear();
         self.regions.clear();
         self.is_face.clear();
+        self.whole.clear();
+        self.unevenness = 0.0;
         let outer = if pair.receiver_is_smaller {
             &pair.receiver
         } else {
@@ -288,6 +341,7 @@ impl CriticalCells {
                 return None;
             }
             self.regions.push(region);
+            self.unevenness = self.unevenness.max(regions.unevenness(region));
             let mut outline = Polygon::EMPTY;
             for &corner in regions.corners(region) {
                 outline.push(corner - pair.origin);
@@ -295,12 +349,24 @@ impl CriticalCells {
             for (normal, on) in normals.into_iter().zip([pair.emitter[0], pair.receiver[0]]) {
                 outline = outline.split(normal, normal.dot(on), tolerance).0;
             }
-            self.push_occluder(outline, bodies.is_outside(region, &outer));
+            let is_face = bodies.is_outside(region, &outer);
+            let whole = bodies.of(region).filter(|&body| {
+                let body = bodies.get(body);
+                let is_before = |p: DVec3| {
+                    let on = [pair.emitter[0], pair.receiver[0]];
+                    let mut heights = normals.into_iter().zip(on).map(|(n, on)| n.dot(p - pair.origin - on));
+                    heights.all(|h| h >= -tolerance)
+                };
+                is_face
+                    && body.faces.len() <= MOST_FACES
+                    && body.edges.iter().all(|edge| edge.ends.into_iter().all(is_before))
+            });
+            self.push_occluder(outline, is_face, whole.unwrap_or(NO_BODY));
         }
         Some(())
     }
 
-    fn push_occluder(&mut self, outline: Polygon, is_face: bool) {
+    fn push_occluder(&mut self, outline: Polygon, is_face: bool, whole: u32) {
         let corners = outline.corners();
         if corners.len() < 3 {
             return;
@@ -310,7 +376,27 @@ impl CriticalCells {
         if normal != DVec3::ZERO {
             self.occluders.push(Occluder { outline, normal });
             self.is_face.push(is_face);
+            self.whole.push(whole);
         }
+    }
+
+    /// Leaves out the occluders that hide nothing of the target from anywhere on the outer triangle.
+    fn leave_out(&mut self, outer: &[DVec3; 3], target: &[DVec3]) {
+        let mut kept = 0;
+        for k in 0..self.occluders.len() {
+            let index = u32::try_from(k).unwrap_or(u32::MAX);
+            let is_idle = self.is_turned_away(index, outer)
+                || self.occluders[k].effect(outer, target, self.slack) == Effect::Nothing;
+            if !is_idle {
+                self.occluders[kept] = self.occluders[k];
+                self.is_face[kept] = self.is_face[k];
+                self.whole[kept] = self.whole[k];
+                kept += 1;
+            }
+        }
+        self.occluders.truncate(kept);
+        self.is_face.truncate(kept);
+        self.whole.truncate(kept);
     }
 
     /// Returns whether an occluder is a face whose front no point of a cell sees.
@@ -329,7 +415,6 @@ impl CriticalCells {
             outer,
             beside: self.beside,
         };
-        let bodies = bodies(&self.occluders);
         for (k, occluder) in (0u32..).zip(&self.occluders) {
             let outline = occluder.outline.corners();
             let stands = outline
@@ -343,57 +428,196 @@ impl CriticalCells {
             {
                 line.is_contact = stands >= 2;
             }
-            for (a, b) in occluder.outline.edges() {
+            let first = self.first_edge[k as usize];
+            for (e, (a, b)) in occluder.outline.edges().enumerate() {
                 for &corner in target {
-                    let across = (b - a).cross(corner - a);
-                    if !self.is_inside(k, a, b, across) {
-                        plane.push(&mut lines, across, a, Some(([a, b], corner)), [k; 2]);
+                    let event = Event {
+                        edge: [a, b],
+                        corner,
+                        of_corner: None,
+                    };
+                    let across = event.across();
+                    if !self.is_inside(k, first + e, a, across) {
+                        plane.push(&mut lines, across, a, Some(event), [k; 2]);
                     }
                 }
             }
             for (t, &a) in target.iter().enumerate() {
                 let b = target[(t + 1) % target.len()];
-                for &corner in outline {
-                    plane.push(&mut lines, (b - a).cross(corner - a), a, Some(([a, b], corner)), [k; 2]);
+                for (number, &corner) in (first..).zip(outline) {
+                    let event = Event {
+                        edge: [a, b],
+                        corner,
+                        of_corner: u32::try_from(number).ok(),
+                    };
+                    plane.push(&mut lines, event.across(), a, Some(event), [k; 2]);
                 }
             }
         }
         if self.occluders.len() <= MOST_CROSSED {
-            for (k, one) in (0u32..).zip(&self.occluders) {
-                for (m, other) in (0u32..).zip(&self.occluders) {
-                    if bodies[k as usize] == bodies[m as usize] {
-                        continue;
-                    }
-                    for (a, b) in one.outline.edges() {
-                        for &corner in other.outline.corners() {
-                            if lines.len() < MOST_LINES {
-                                let across = (b - a).cross(corner - a);
-                                plane.push(&mut lines, across, a, Some(([a, b], corner)), [k, m]);
-                            }
+            self.find_crossings(&plane, &mut lines);
+        }
+        self.lines = lines;
+    }
+
+    /// Finds the lines of an edge of one occluder and a corner of one of another body.
+    fn find_crossings(&self, plane: &OuterPlane<'_>, lines: &mut Vec<Line>) {
+        let bodies = bodies(&self.occluders);
+        for (k, one) in (0u32..).zip(&self.occluders) {
+            for (m, other) in (0u32..).zip(&self.occluders) {
+                if bodies[k as usize] == bodies[m as usize] {
+                    continue;
+                }
+                let corners = (self.first_edge[m as usize]..).zip(other.outline.corners());
+                for (e, (a, b)) in (self.first_edge[k as usize]..).zip(one.outline.edges()) {
+                    for (number, &corner) in corners.clone() {
+                        if lines.len() >= MOST_LINES {
+                            return;
+                        }
+                        let event = Event {
+                            edge: [a, b],
+                            corner,
+                            of_corner: u32::try_from(number).ok(),
+                        };
+                        let across = event.across();
+                        if !self.is_inside(k, e, a, across) {
+                            plane.push(lines, across, a, Some(event), [k, m]);
                         }
                     }
                 }
             }
         }
-        self.lines = lines;
     }
 
-    /// Returns whether an edge of occluder `k` is no outline of its body: another one with the same edge lies on the
-    /// other side of the plane through it with this normal.
-    fn is_inside(&self, k: u32, a: DVec3, b: DVec3, across: DVec3) -> bool {
-        let near = |p: DVec3, q: DVec3| p.distance_squared(q) <= self.beside * self.beside;
-        let side = |occluder: &Occluder| {
+    /// Finds the occluders that share an edge or a corner.
+    fn find_joints(&mut self) {
+        let beside = self.beside * self.beside;
+        let near = move |p: DVec3, q: DVec3| p.distance_squared(q) <= beside;
+        self.middles.clear();
+        self.mates.clear();
+        self.mates_of.clear();
+        self.spokes.clear();
+        self.spokes_of.clear();
+        self.first_edge.clear();
+        for occluder in &self.occluders {
             let corners = occluder.outline.corners();
-            across.dot(corners.iter().sum::<DVec3>() / corners.len() as f64 - a)
+            self.middles.push(corners.iter().sum::<DVec3>() / corners.len() as f64);
+        }
+        for (k, occluder) in (0u32..).zip(&self.occluders) {
+            self.first_edge.push(self.mates_of.len());
+            for (a, b) in occluder.outline.edges() {
+                let start = self.mates.len();
+                for (m, other) in (0u32..).zip(&self.occluders) {
+                    let is_same = |(c, d)| (near(a, d) && near(b, c)) || (near(a, c) && near(b, d));
+                    if m != k && other.outline.edges().any(is_same) {
+                        self.mates.push(m);
+                    }
+                }
+                self.mates_of.push(start..self.mates.len());
+            }
+        }
+        for k in 0..self.occluders.len() {
+            for e in 0..self.occluders[k].outline.len() {
+                let start = self.spokes.len();
+                if !self.push_spokes(self.occluders[k].outline.corners()[e], near) {
+                    self.spokes.truncate(start);
+                }
+                self.spokes_of.push(start..self.spokes.len());
+            }
+        }
+    }
+
+    /// Appends the edges at a corner. Returns whether each has just one occluder on the other side.
+    fn push_spokes(&mut self, corner: DVec3, near: impl Fn(DVec3, DVec3) -> bool) -> bool {
+        for (m, other) in self.occluders.iter().enumerate() {
+            for (edge, (a, b)) in (self.first_edge[m]..).zip(other.outline.edges()) {
+                let to = match (near(a, corner), near(b, corner)) {
+                    (true, false) => b,
+                    (false, true) => a,
+                    _ => continue,
+                };
+                let [mate] = self.mates[self.mates_of[edge].clone()] else {
+                    return false;
+                };
+                // Once for both.
+                if m < mate as usize {
+                    self.spokes.push(Spoke {
+                        to,
+                        sides: [self.middles[m], self.middles[mate as usize]],
+                    });
+                }
+            }
+        }
+        true
+    }
+
+    /// Returns whether an edge of occluder `k` is no outline of what it is part of: another one with the same edge lies
+    /// on the other side of the plane through it with this normal.
+    fn is_inside(&self, k: u32, edge: usize, on: DVec3, across: DVec3) -> bool {
+        let side = |k: u32| across.dot(self.middles[k as usize] - on);
+        let own = side(k);
+        let mut mates = self.mates[self.mates_of[edge].clone()].iter();
+        mates.any(|&m| self.are_apart(own, side(m)))
+    }
+
+    /// Returns whether two heights are on both sides of a plane, and neither in it but for rounding.
+    fn are_apart(&self, one: f64, other: f64) -> bool {
+        one.abs() > self.slack && other.abs() > self.slack && (one < 0.0) != (other < 0.0)
+    }
+
+    /// Returns whether the event of a line does nothing to the shadows on the target, proved for all points between two
+    /// of the line: it lies beside the target, in another occluder's shadow, or inside of a body's outline.
+    ///
+    /// The sign of det (a − x, b − x, p − x) is affine in x, so that it holds between its ends.
+    fn is_unseen(&self, line: &Line, ends: [DVec3; 2], relevant: &Range<usize>, view: &View<'_>) -> bool {
+        let single;
+        let points = match &line.event {
+            Some(event) => {
+                single = [event.corner];
+                &single[..]
+            }
+            None => self.occluders[line.of[0] as usize].outline.corners(),
         };
-        let own = side(&self.occluders[k as usize]);
-        (0u32..).zip(&self.occluders).any(|(m, other)| {
-            m != k
-                && other
-                    .outline
-                    .edges()
-                    .any(|(c, d)| (near(a, d) && near(b, c)) || (near(a, c) && near(b, d)))
-                && own * side(other) < 0.0
+        let count = view.target.len();
+        for (t, &a) in view.target.iter().enumerate() {
+            let b = view.target[(t + 1) % count];
+            let is_beside = |x: DVec3| {
+                let across = (a - x).cross(b - x);
+                let sign = across.dot(view.middle - x).signum();
+                points.iter().all(|&p| sign * across.dot(p - x) < -self.slack)
+            };
+            if ends.into_iter().all(is_beside) {
+                return true;
+            }
+        }
+        if let Some(of_corner) = line.event.and_then(|event| event.of_corner) {
+            let spokes = &self.spokes[self.spokes_of[of_corner as usize].clone()];
+            let corner = points[0];
+            let is_between = |x: DVec3| {
+                spokes.iter().all(|spoke| {
+                    let across = (corner - x).cross(spoke.to - x);
+                    let [one, other] = spoke.sides.map(|p| across.dot(p - x));
+                    self.are_apart(one, other)
+                })
+            };
+            if !spokes.is_empty() && ends.into_iter().all(is_between) {
+                return true;
+            }
+        }
+        let mut others = self.relevant[relevant.clone()].iter().filter(|m| !line.of.contains(m));
+        others.any(|&m| {
+            let Occluder { outline, normal } = &self.occluders[m as usize];
+            let heights = ends.map(|x| normal.dot(x - outline.corners()[0]));
+            if heights[0] * heights[1] <= 0.0 || (self.is_face[m as usize] && heights[0] < 0.0) {
+                return false;
+            }
+            let sign = -heights[0].signum();
+            outline.edges().all(|(a, b)| {
+                ends.iter().all(|&x| {
+                    let across = (a - x).cross(b - x) * sign;
+                    points.iter().all(|&p| across.dot(p - x) > self.slack)
+                })
+            })
         })
     }
 
@@ -458,7 +682,13 @@ impl CriticalCells {
             }
             let heights = line.heights(&corners, self.beside);
             let Some(share) = share_beyond(heights) else { continue };
-            if !line.is_active(&corners, heights) {
+            let Some(ends) = line.ends(&corners, heights) else {
+                continue;
+            };
+            if !line.is_active(ends) {
+                continue;
+            }
+            if !line.is_contact && self.is_unseen(line, ends, &cell.relevant, view) {
                 continue;
             }
             if line.is_contact && contact.is_none() {
@@ -535,24 +765,13 @@ impl CriticalCells {
         }
         self.cones.clear();
         self.cone_ends.clear();
+        self.shadowed.clear();
         self.pieces.clear();
         let (mut part, mut rest) = (Shape::EMPTY, Shape::EMPTY);
         for at in relevant.clone() {
-            let index = self.relevant[at] as usize;
-            let occluder = &self.occluders[index];
-            let outline = occluder.outline.corners();
-            let side = occluder.normal.dot(x - outline[0]);
-            if side == 0.0 || (side < 0.0 && self.is_face[index]) {
-                continue;
-            }
-            // Planes of the cone over the occluder, positive inside.
             let start = self.cones.len();
-            let mut before = outline[outline.len() - 1] - x;
-            for &corner in outline {
-                let corner = corner - x;
-                let n = before.cross(corner);
-                self.cones.push(if side < 0.0 { n } else { -n });
-                before = corner;
+            if !self.push_cone(self.relevant[at] as usize, x, view) {
+                continue;
             }
             let is_beside = |n: &DVec3| target.corners().iter().all(|p| n.dot(*p) <= 0.0);
             if self.cones[start..].iter().any(is_beside) {
@@ -599,6 +818,46 @@ impl CriticalCells {
             }
         }
         Some(())
+    }
+
+    /// Appends the planes of the cone from `x` over an occluder, positive inside; for a face of a whole body those over
+    /// the body, once. Returns whether there is such a cone.
+    fn push_cone(&mut self, index: usize, x: DVec3, view: &View<'_>) -> bool {
+        let whole = self.whole[index];
+        if whole != NO_BODY {
+            if self.shadowed.contains(&whole) {
+                return false;
+            }
+            self.shadowed.push(whole);
+            let (body, start) = (view.bodies.get(whole), self.cones.len());
+            let at = x + view.origin;
+            let mut is_front = [false; MOST_FACES];
+            for (is_front, face) in is_front.iter_mut().zip(&body.faces) {
+                *is_front = face.height(at) > 0.0;
+            }
+            for BodyEdge { ends, left, right } in &body.edges {
+                if is_front[*left] != is_front[*right] {
+                    let [a, b] = ends.map(|p| p - at);
+                    let n = a.cross(b);
+                    self.cones.push(if is_front[*left] { -n } else { n });
+                }
+            }
+            return self.cones.len() >= start + 3;
+        }
+        let occluder = &self.occluders[index];
+        let outline = occluder.outline.corners();
+        let side = occluder.normal.dot(x - outline[0]);
+        if side == 0.0 || (side < 0.0 && self.is_face[index]) {
+            return false;
+        }
+        let mut before = outline[outline.len() - 1] - x;
+        for &corner in outline {
+            let corner = corner - x;
+            let n = before.cross(corner);
+            self.cones.push(if side < 0.0 { n } else { -n });
+            before = corner;
+        }
+        true
     }
 
     /// Takes the shadows before this one away from its pieces; `end` is the end of their planes.
@@ -686,7 +945,7 @@ struct OuterPlane<'a> {
 
 impl OuterPlane<'_> {
     /// Appends the line in which the plane through `on` with normal `across` meets the outer triangle, if it does.
-    fn push(&self, lines: &mut Vec<Line>, across: DVec3, on: DVec3, event: Option<([DVec3; 2], DVec3)>, of: [u32; 2]) {
+    fn push(&self, lines: &mut Vec<Line>, across: DVec3, on: DVec3, event: Option<Event>, of: [u32; 2]) {
         let within = across - self.normal * across.dot(self.normal);
         let length = within.length();
         if length <= 1e-9 * across.length() || length == 0.0 {
@@ -714,22 +973,30 @@ impl Line {
         })
     }
 
-    /// Returns whether the corner passes the edge, seen from the part of the line in the cell, and not its extension.
-    fn is_active(&self, cell: &[DVec3; 3], heights: [f64; 3]) -> bool {
-        let Some(([a, b], corner)) = self.event else {
+    /// The ends of the line's part in a cell that it divides.
+    fn ends(&self, cell: &[DVec3; 3], heights: [f64; 3]) -> Option<[DVec3; 2]> {
+        let mut ends = (0..3).filter_map(|k| {
+            let next = (k + 1) % 3;
+            let (hp, hq) = (heights[k], heights[next]);
+            if hp == 0.0 {
+                Some(cell[k])
+            } else {
+                (hp * hq < 0.0).then(|| crossing(cell[k], cell[next], hp, hq))
+            }
+        });
+        Some([ends.next()?, ends.next()?])
+    }
+
+    /// Returns whether the corner passes the edge, seen from between two points of the line, and not its extension.
+    fn is_active(&self, ends: [DVec3; 2]) -> bool {
+        let Some(Event {
+            edge: [a, b], corner, ..
+        }) = self.event
+        else {
             return true;
         };
         let (mut below, mut above) = (true, true);
-        for k in 0..3 {
-            let next = (k + 1) % 3;
-            let (hp, hq) = (heights[k], heights[next]);
-            let x = if hp == 0.0 {
-                cell[k]
-            } else if hp * hq < 0.0 {
-                crossing(cell[k], cell[next], hp, hq)
-            } else {
-                continue;
-            };
+        for x in ends {
             let across = self.normal.cross(corner - x);
             let (at, length) = (across.dot(x - a), across.dot(b - a));
             if length == 0.0 {
@@ -740,6 +1007,14 @@ impl Line {
             above &= along > 1.0 + 1e-9;
         }
         !below && !above
+    }
+}
+
+impl Event {
+    /// Normal of the plane through the edge and the corner.
+    fn across(&self) -> DVec3 {
+        let [a, b] = self.edge;
+        (b - a).cross(self.corner - a)
     }
 }
 

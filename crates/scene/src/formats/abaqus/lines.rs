@@ -1,9 +1,14 @@
 //! Reads lines: keywords with their parameters, and the data after them.
 
+mod rules;
+
+use super::generate::cylindrical;
 use super::model::{Entry, Instance, Kind, Label, Members, Model, NONE, Part, Section, Set, Sides, Surface};
 use super::shown;
-use crate::Error;
+use crate::bounds::Bounds;
+use crate::{Error, ReadOptions};
 use glam::{DAffine3, DMat3, DVec3};
+use rules::Rules;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +16,7 @@ use std::path::{Path, PathBuf};
 const DEPTH: usize = 16;
 
 /// The model of a file and of what it includes, and the bytes of all of them.
-pub(super) fn read(text: &[u8], base_dir: Option<&Path>) -> Result<(Model, usize), Error> {
+pub(super) fn read(text: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<(Model, usize), Error> {
     let mut reader = Reader {
         model: Model::new(),
         base_dir,
@@ -23,6 +28,7 @@ pub(super) fn read(text: &[u8], base_dir: Option<&Path>) -> Result<(Model, usize
         instance: None,
         pending: Vec::new(),
         entry: None,
+        rules: Rules::new(text, Bounds::new(text.len(), options)),
     };
     reader.file(text, 0, 0)?;
     reader.close()?;
@@ -40,6 +46,10 @@ enum Card {
     Surface(u32),
     /// An instance, and the lines read.
     Placement(u32, u8),
+    /// Names of surfaces.
+    Combined,
+    /// The rule that is read.
+    Rule,
 }
 
 struct Reader<'a> {
@@ -57,6 +67,7 @@ struct Reader<'a> {
     pending: Vec<u32>,
     /// The entry of the set of the elements that are read.
     entry: Option<u32>,
+    rules: Rules,
 }
 
 /// A keyword line: the keyword without blanks and in upper case, and the parameters.
@@ -185,6 +196,7 @@ impl Reader<'_> {
 
     /// Ends the data of a keyword.
     fn close(&mut self) -> Result<(), Error> {
+        self.finish_rule()?;
         let Some(&number) = self.pending.first() else {
             return Ok(());
         };
@@ -208,13 +220,8 @@ impl Reader<'_> {
         };
         match keyword.name.as_str() {
             "NODE" => {
-                if keyword
-                    .get("SYSTEM")
-                    .is_some_and(|system| !system.eq_ignore_ascii_case("R"))
-                {
-                    return Err(self.unsupported("nodes in cylindrical or spherical coordinates; write x, y and z"));
-                }
                 self.own_part()?;
+                self.nodes_of(keyword)?;
                 self.card = Card::Nodes;
             }
             "ELEMENT" => {
@@ -237,15 +244,22 @@ impl Reader<'_> {
             }
             "SURFACE" => {
                 let name = named("NAME")?.to_owned();
-                if keyword.get("COMBINE").is_some() {
-                    return Err(self.unsupported(format!(
-                        "surface `{}` is combined of others; list its elements",
-                        shown(&name)
-                    )));
-                }
+                let made = keyword.get("COMBINE").is_some() || keyword.get("CROP").is_some();
                 match keyword.get("TYPE").map(str::to_uppercase).as_deref() {
+                    _ if made => {
+                        self.model
+                            .findings
+                            .count("surface made of others, which have its sides");
+                        self.rules.surfaces.insert((self.scope, name.to_uppercase()));
+                        if keyword.get("CROP").is_none() {
+                            self.card = Card::Combined;
+                        }
+                    }
                     None | Some("ELEMENT") => self.card = Card::Surface(self.surface(&name)?),
-                    Some(_) => self.model.findings.count("surface that is not of elements, not read"),
+                    Some(_) => {
+                        self.model.findings.count("surface that is not of elements, not read");
+                        self.rules.surfaces.insert((self.scope, name.to_uppercase()));
+                    }
                 }
             }
             "SHELLSECTION" | "SOLIDSECTION" | "MEMBRANESECTION" | "SURFACESECTION" => {
@@ -259,6 +273,7 @@ impl Reader<'_> {
             }
             "PART" => {
                 let name = named("NAME")?.to_uppercase();
+                self.rules.system = None;
                 self.scope = self.new_part()?;
                 if self.model.part_names.insert(name, self.scope).is_some() {
                     return Err(self.fail("a part of this name is there already"));
@@ -267,18 +282,14 @@ impl Reader<'_> {
             "ENDPART" | "ENDINSTANCE" => {
                 self.scope = 0;
                 self.instance = None;
+                self.rules.system = None;
             }
             "INSTANCE" => {
                 let (name, part) = (named("NAME")?.to_owned(), named("PART")?.to_uppercase());
                 self.new_instance(name, &part)?;
             }
-            "SYSTEM" | "NGEN" | "NFILL" | "NCOPY" | "NMAP" | "ELGEN" | "ELCOPY" => {
-                return Err(self.unsupported(format!(
-                    "`*{}` makes or moves nodes or elements by rule, which is not read; write them out",
-                    keyword.name
-                )));
-            }
-            _ => {}
+            "NMAP" => return Err(self.unsupported("`*NMAP` moves nodes by rule, which is not read; write them out")),
+            _ => self.begin_rule(keyword)?,
         }
         Ok(())
     }
@@ -291,6 +302,7 @@ impl Reader<'_> {
         let Some(found) = Kind::of(kind) else {
             let findings = &mut self.model.findings;
             findings.count("line of elements of other types, not read");
+            self.model.others.insert(self.scope);
             if findings.warnings.len() < 4 {
                 findings.warnings.push(format!(
                     "elements of type {} are no shells and no solids, and are not read",
@@ -422,6 +434,8 @@ impl Reader<'_> {
             Card::Set(set, ranges, instance) => self.members(line, set, ranges, instance),
             Card::Surface(surface) => self.sides(line, surface),
             Card::Placement(instance, read) => self.place(line, instance, read),
+            Card::Combined => self.combined(line),
+            Card::Rule => self.rule_line(line),
         }
     }
 
@@ -449,14 +463,17 @@ impl Reader<'_> {
         let mut fields = line.split(|&byte| byte == b',');
         let number = self.whole(fields.next().unwrap_or_default())?;
         let mut point = DVec3::ZERO;
-        let mut found = 0;
+        // What is left out is 0, all three, too.
         for (at, field) in fields.take(3).enumerate() {
             point[at] = self.real(field)?;
-            found = at + 1;
         }
-        if found == 0 {
-            return Err(self.fail(format!("node {number} has no coordinates")));
+        if self.rules.cylindrical {
+            point = cylindrical(point);
         }
+        if let Some(system) = self.rules.system {
+            point = system.transform_point3(point);
+        }
+        self.rules.note(number);
         let line = self.line;
         let part = self.part();
         part.node_lines.push(line);
@@ -466,6 +483,7 @@ impl Reader<'_> {
     }
 
     fn element(&mut self, line: &[u8], kind: Kind) -> Result<(), Error> {
+        let begins = self.pending.is_empty();
         for field in line.split(|&byte| byte == b',') {
             if field.trim_ascii().is_empty() {
                 continue;
@@ -474,6 +492,13 @@ impl Reader<'_> {
             self.pending.push(number);
         }
         let due = usize::from(kind.nodes) + 1;
+        if begins && self.pending.len() > due {
+            // CalculiX takes as many as its type has.
+            self.pending.truncate(due);
+            self.model
+                .findings
+                .count("element with more nodes than its type, read by its first");
+        }
         if self.pending.len() > due {
             let found = self.pending.len() - 1;
             return Err(self.fail(format!(

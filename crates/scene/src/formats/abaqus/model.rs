@@ -1,9 +1,10 @@
 //! What a file says: parts with nodes and elements, instances of them, sets, surfaces and sections; and where.
 
+use super::generate::Places;
 use crate::mesh::Shape;
 use crate::{Error, Findings};
 use glam::{DAffine3, DVec3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 
 /// No entry of a set before it.
@@ -55,6 +56,7 @@ impl Kind {
 }
 
 /// Elements of one kind, one after the other.
+#[derive(Clone, Copy)]
 pub(super) struct Block {
     pub(super) kind: Kind,
     /// The place of its first element.
@@ -74,6 +76,9 @@ pub(super) struct Part {
     pub(super) lines: Vec<u32>,
     /// Numbers of the nodes at corners.
     pub(super) corners: Vec<u32>,
+    /// Where nodes and elements are, for rules that name them.
+    pub(super) node_places: Places,
+    pub(super) places: Places,
 }
 
 /// A part at a place.
@@ -165,6 +170,8 @@ pub(super) struct Model {
     pub(super) surfaces: Vec<Surface>,
     pub(super) surface_names: HashMap<(u32, String), u32>,
     pub(super) sides: Vec<Sides>,
+    /// Parts with elements of types that are not read.
+    pub(super) others: HashSet<u32>,
     pub(super) sections: Vec<Section>,
     pub(super) findings: Findings,
     /// Where each stretch of lines began: the line in all, the file, and the line in it.
@@ -191,6 +198,7 @@ impl Model {
             surfaces: Vec::new(),
             surface_names: HashMap::new(),
             sides: Vec::new(),
+            others: HashSet::new(),
             sections: Vec::new(),
             findings: Findings::default(),
             places: Vec::new(),

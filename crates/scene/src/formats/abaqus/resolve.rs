@@ -41,8 +41,21 @@ pub(super) fn scene(mut model: Model, bounds: Bounds) -> Result<Scene, Error> {
         return resolver.mesh.scene(resolver.bounds);
     }
     let cells = resolver.cell_count()?;
+    let before = resolver.mesh.findings.clone();
     resolver.cells(&vec![0; cells], &materials)?;
     let sides = resolver.sides()?;
+    let in_plane = (0..resolver.mesh.len()).any(|cell| resolver.mesh.shape(cell) == Some(Shape::Polygon));
+    if sides.is_empty() && in_plane {
+        let materials_of = std::mem::take(&mut resolver.mesh.materials);
+        resolver.mesh = Mesh::default();
+        (resolver.mesh.findings, resolver.mesh.materials) = (before, materials_of);
+        let warning = "surfaces of edges alone, of elements in a plane, are left out, and the elements read";
+        resolver.mesh.findings.warnings.push(warning.to_owned());
+        let objects = resolver.objects()?;
+        resolver.cells(&objects, &materials)?;
+        drop(resolver.model);
+        return resolver.mesh.scene(resolver.bounds);
+    }
     drop(resolver.model);
     resolver.mesh.scene_of(&sides, resolver.bounds)
 }
@@ -419,6 +432,10 @@ impl Resolver {
             let first = self.first_cells.get(of as usize).copied();
             return match (place, first) {
                 (Some(place), Some(first)) => Ok(vec![first + place]),
+                _ if self.model.others.contains(&u32::try_from(part).unwrap_or(NONE)) => {
+                    self.mesh.findings.count("side of an element of another type, left out");
+                    Ok(Vec::new())
+                }
                 _ => Err(self.model.fail(lines.line, format!("element {number} is not there"))),
             };
         }

@@ -1,0 +1,187 @@
+//! The table of extremes at 10⁻⁵: crossing surfaces, T-junctions, coincident walls, slivers, motes, near plates, common
+//! edges at any angle, a box that stands on a floor. Held against closed forms, quadrature, split twins, ΣF = 1.
+
+use glam::DVec3;
+use hemicube::Model;
+use hemicube_scene::{InputPatch, Scene};
+use hemicube_tests::extremes::{
+    duplicates, hinge, mote, near_plates, room_with_a_block, slivers, tower_through_the_ground,
+    walls_through_the_ground,
+};
+use hemicube_tests::geometry::{
+    between_polygons, box_inside, even, flipped, grid, moved, parallel_rectangles_apart, polygon_area, quad, scene_of,
+};
+use hemicube_tests::promise::{AS_IT_IS, Motion, ROTATED, Tally, WHOLE, between_groups, bound, matrix};
+use hemicube_tests::quadrature::Obstructed;
+use hemicube_tests::rows::{Factors, Rung};
+use hemicube_tests::scenes::model_as_it_is;
+
+const ASKED: f64 = 1e-5;
+
+type Triangle = [DVec3; 3];
+
+fn measured(scene: Scene, motion: Motion, tolerance: f64) -> (Model, Factors) {
+    let model = model_as_it_is(&moved(scene, motion.1), WHOLE);
+    let found = matrix(&model, Rung::settled(&model, tolerance));
+    (model, found)
+}
+
+/// Holds ΣF = 1 in every row with `counts`.
+fn hold_sums(
+    tally: &mut Tally,
+    name: &str,
+    (model, found): &(Model, Factors),
+    most: f64,
+    counts: impl Fn(u32) -> bool,
+) {
+    for patch in model.patches().iter().filter(|patch| counts(patch.0)) {
+        tally.hold(|| format!("{name}: ΣF of {patch:?}"), found.sum(patch), 1.0, most);
+    }
+}
+
+/// The floor lies under a box as well, and is the smallest face: from there, no more is seen than the box's inside.
+#[test]
+fn a_box_that_stands_on_a_floor() {
+    let room = box_inside(DVec3::new(6.0, 5.0, 9.0)).into_iter().flat_map(quad);
+    let (low, size) = (DVec3::new(2.0, 2.0, 0.0), DVec3::new(1.0, 1.5, 1.0));
+    let standing = box_inside(DVec3::ONE)
+        .into_iter()
+        .flat_map(|face| quad(flipped(face).map(|p| low + p * size)));
+    let scene = scene_of(room.chain(standing));
+    let areas: Vec<f64> = scene.triangles.iter().map(|t| polygon_area(&t.corners)).collect();
+    let mut tally = Tally::default();
+    for motion in [AS_IT_IS, ROTATED] {
+        let found = measured(scene.clone(), motion, ASKED);
+        // All but the two triangles of the floor, the box's bottom and what it covers.
+        hold_sums(&mut tally, motion.0, &found, ASKED, |patch| patch > 1 && patch / 2 != 6);
+        let floor = [0, 1]
+            .map(|k| found.1.sum(InputPatch(k)) * areas[k as usize])
+            .iter()
+            .sum::<f64>();
+        tally.hold(|| format!("{}: floor", motion.0), floor / 30.0, 1.0 - 1.5 / 30.0, ASKED);
+    }
+    tally.finish("a standing box");
+}
+
+#[test]
+fn crossing_surfaces_and_their_split_twins() {
+    let mut tally = Tally::default();
+    let sums = |triangles: &[(usize, Triangle)]| {
+        let groups: Vec<usize> = triangles.iter().map(|t| t.0).collect();
+        let (model, found) = measured(scene_of(triangles.iter().map(|t| t.1)), ROTATED, ASKED);
+        between_groups(&model, &found, &groups)
+    };
+    for (name, scene) in [
+        ("walls", walls_through_the_ground as fn(bool) -> Vec<(usize, Triangle)>),
+        ("tower", tower_through_the_ground),
+    ] {
+        let (whole, twin) = (sums(&scene(false)), sums(&scene(true)));
+        for (k, (whole, twin)) in whole.iter().zip(&twin).enumerate() {
+            for (m, (&found, &exact)) in whole.iter().zip(twin).enumerate() {
+                tally.hold(
+                    || format!("{name}, {k} to {m}"),
+                    found,
+                    exact,
+                    bound(exact, 2.0 * ASKED),
+                );
+            }
+        }
+    }
+    tally.finish("crossing surfaces");
+}
+
+#[test]
+fn t_junctions() {
+    // Each face of the room is cut in its own way, and a block floats before them.
+    let cuts = [1, 3, 2, 4, 5, 3].map(even);
+    let room = box_inside(DVec3::new(1.0, 1.3, 0.8));
+    let room = room
+        .into_iter()
+        .enumerate()
+        .flat_map(|(k, face)| grid(face, &cuts[k], &cuts[(k + 2) % 6]));
+    let block = room_with_a_block(1).triangles.into_iter().skip(48).map(|t| t.corners);
+    let found = measured(scene_of(room.chain(block)), ROTATED, ASKED);
+    let mut tally = Tally::default();
+    hold_sums(&mut tally, "room", &found, ASKED, |_| true);
+    tally.finish("T-junctions");
+}
+
+#[test]
+fn coincident_walls() {
+    let found = measured(duplicates(), ROTATED, ASKED);
+    let mut tally = Tally::default();
+    hold_sums(&mut tally, "room", &found, ASKED, |_| true);
+    let (model, factors) = &found;
+    // Of two the first is seen.
+    for from in model.patches().iter() {
+        let of_twins = factors.sum_to(from, |to| to.0 % 2 == 1);
+        tally.hold(|| format!("{from:?} sees a twin"), of_twins, 0.0, bound(0.0, ASKED));
+    }
+    let groups: Vec<usize> = (0..model.patches().len()).map(|k| k / 36).collect();
+    let between = between_groups(model, factors, &groups);
+    let faces = box_inside(DVec3::ONE);
+    for (from, to) in [(0, 1), (1, 0)] {
+        let exact = between_polygons(&faces[from], &faces[to]);
+        tally.hold(
+            || format!("{from} to {to}"),
+            between[from][to],
+            exact,
+            bound(exact, ASKED),
+        );
+    }
+    tally.finish("coincident walls");
+}
+
+#[test]
+fn slivers_and_motes() {
+    let mut tally = Tally::default();
+    let found = measured(slivers(), ROTATED, ASKED);
+    hold_sums(&mut tally, "slivers", &found, ASKED, |_| true);
+    let found = measured(mote(), ROTATED, ASKED);
+    hold_sums(&mut tally, "mote", &found, ASKED, |_| true);
+    tally.finish("slivers and motes");
+}
+
+#[test]
+fn plates_a_millionth_apart() {
+    let mut tally = Tally::default();
+    let gap = 1e-6;
+    let (model, found) = measured(near_plates(gap), ROTATED, ASKED);
+    let groups: Vec<usize> = (0..model.patches().len()).map(|k| k / 8).collect();
+    let between = between_groups(&model, &found, &groups);
+    let exact = parallel_rectangles_apart([[0.0, 1.0]; 2], [[0.3, 1.3], [0.2, 1.2]], gap);
+    for (from, to) in [(0, 1), (1, 0)] {
+        tally.hold(
+            || format!("{from} to {to}"),
+            between[from][to],
+            exact,
+            bound(exact, ASKED),
+        );
+    }
+    tally.finish("near plates");
+}
+
+#[test]
+fn common_edges_at_any_angle() {
+    let mut tally = Tally::default();
+    for degrees in [0.1, 1.0, 20.0, 90.0, 160.0, 179.0, 179.9] {
+        let scene = hinge(degrees);
+        let corners: Vec<Triangle> = scene.triangles.iter().map(|t| t.corners).collect();
+        let (_, found) = measured(scene, ROTATED, ASKED);
+        for from in 0..16 {
+            for to in 16..32 {
+                let pair = Obstructed {
+                    emitter: &corners[from],
+                    receiver: &corners[to],
+                    plates: &[],
+                };
+                let (exact, error) = pair.factor(1e-6);
+                let patch = |k: usize| InputPatch(u32::try_from(k).expect("a small scene"));
+                let factor = found.get(patch(from), patch(to));
+                let name = || format!("{degrees}°, {from} to {to}");
+                tally.hold(name, factor, exact, bound(exact, ASKED) + error);
+            }
+        }
+    }
+    tally.finish("common edges");
+}
