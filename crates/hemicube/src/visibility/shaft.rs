@@ -341,7 +341,7 @@ pub(crate) struct Cast {
     /// Number of rays drawn.
     pub(crate) drawn: usize,
     pub(crate) sums: Kernels,
-    /// Σ w and Σ w² of directions.
+    /// Σ w and Σ w² of rays.
     weight: f64,
     squared_weight: f64,
     /// Work, in steps.
@@ -352,6 +352,16 @@ impl Cast {
     /// The visible fraction; `None` where no ray had weight.
     pub(crate) fn fraction(&self) -> Option<f64> {
         (self.sums.all > 0.0).then(|| self.sums.visible / self.sums.all)
+    }
+
+    /// Number of equal rays that the cast ones are worth, (Σ w)² / Σ w²: segments behind one of the triangles weigh
+    /// nothing.
+    pub(crate) fn worth(&self) -> f64 {
+        if self.squared_weight > 0.0 {
+            self.weight * self.weight / self.squared_weight
+        } else {
+            0.0
+        }
     }
 }
 
@@ -629,14 +639,17 @@ impl Shaft {
                 batch.stopped = stopped.map(|s| u32::from(s != 0));
                 self.hit(pair, &mut batch);
             }
-            let (mut seen, mut whole) = (0.0, 0.0);
+            let (mut seen, mut whole, mut squares) = (0.0, 0.0, 0.0);
             for l in 0..RAYS {
                 let weight = f64::from(batch.weight[l]);
                 whole += weight;
+                squares += weight * weight;
                 seen += if batch.hit[l] == 0 { weight } else { 0.0 };
             }
             cast.sums.visible += seen;
             cast.sums.all += whole;
+            cast.weight += whole;
+            cast.squared_weight += squares;
             cast.drawn += RAYS;
         }
         cast.steps += segments.more_steps;
@@ -731,11 +744,7 @@ impl Shaft {
             clippy::cast_sign_loss,
             reason = "a number of rays"
         )]
-        let worth = if cast.squared_weight > 0.0 {
-            (cast.weight * cast.weight / cast.squared_weight) as usize
-        } else {
-            0
-        };
+        let worth = cast.worth() as usize;
         worth
     }
 

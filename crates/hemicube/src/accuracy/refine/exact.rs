@@ -325,11 +325,13 @@ impl Refiner<'_> {
         // At first, a quarter of what all may cost: most of these rays are lost where they do not do.
         let mut next_steps = self.shaft.steps_of_rays(pair, wanted).saturating_mul(GROWTH as u64);
         while next_steps <= most_steps && wanted <= EACH_RAYS {
-            let rays = self.shaft.cast(obstacles, pair, wanted, *seed, &mut cast).max(1);
-            let seen = cast.fraction().unwrap_or(0.0);
+            self.shaft.cast(obstacles, pair, wanted, *seed, &mut cast);
+            // Of two triangles that all but lie behind each other most segments weigh nothing.
+            let rays = cast.worth().max(1.0);
+            let seen = cast.fraction().unwrap_or(0.5);
             // A few rays that agree do not prove that all would.
-            let smooth = (seen * rays as f64 + 0.5) / (rays as f64 + 1.0);
-            let variance = smooth * (1.0 - smooth) * variance_of_rays(rays as f64);
+            let smooth = (seen * rays + 0.5) / (rays + 1.0);
+            let variance = smooth * (1.0 - smooth) * variance_of_rays(rays);
             let error = variance.sqrt() * measured.exchange_area;
             measured.fraction = seen;
             #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]

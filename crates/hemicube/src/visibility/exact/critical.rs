@@ -48,13 +48,14 @@ const BESIDE: f64 = 1e-10;
 const LEAST_SHARE: f64 = 0.02;
 /// Part of a cell's factor that its points may miss beyond a critical line, for s^1.5, s the share of its area there: a
 /// shadow that begins along the line grows with the distance, √s in a corner. Of the factors of rooms with two boxes at
-/// 10⁻⁶, 0.05 s² left up to 30 times the bound, 0.05 s^1.5 7 times, this a tenth of it.
+/// 10⁻⁶, 0.05 s² left up to 30 bounds, 0.05 s^1.5 7 bounds, this 0.1 in three rooms of four ([`BY_CHANCE`] in all).
 const MISSED: f64 = 0.2;
 /// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
 const UNEVEN: f64 = 4.0;
-/// Part of the length of all four null rules that is the least difference of the two rules: of kinks at random on a cell,
-/// 0.3 % of the error is then beyond the estimate, 6 % without.
-const BY_CHANCE: f64 = 0.3;
+/// Part of the length of all four null rules that is the least difference of the two rules. Of kinks at random on a cell,
+/// 6 % of the error is beyond the difference alone, and 0.3 % beyond it and 0.3 of the length. Of rooms with two and three
+/// boxes at 10⁻⁶, 0.3 left a factor 8 bounds off, 1 none.
+const BY_CHANCE: f64 = 1.0;
 /// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
 const MOST_FACES: usize = 6;
 /// In place of a body.
