@@ -157,6 +157,15 @@ fn to_a_ten_thousandth() {
     hold_pairs("random pairs", &pairs(32, 2e-6), 1e-4, &[(AS_IT_IS, WHOLE)]);
 }
 
+/// The first 32 pairs, with which the method was made, and 32 kept aside.
+#[test]
+#[ignore = "takes minutes: quadrature to 10⁻⁷"]
+fn to_a_millionth() {
+    let pairs = pairs(64, 1e-7);
+    hold_pairs("random pairs", &pairs[..32], 1e-6, &[(AS_IT_IS, WHOLE)]);
+    hold_pairs("pairs kept aside", &pairs[32..], 1e-6, &[(AS_IT_IS, WHOLE)]);
+}
+
 #[test]
 fn what_they_are_held_against_has_the_values_of_the_public_cases() {
     let Some(cases) = cases::cases("random_pairs::what_they_are_held_against_has_the_values_of_the_public_cases")
