@@ -734,7 +734,9 @@ fn a_folder_is_one_scene() {
             .is(0);
     }
     let matrix = |store: &str| {
-        place.line(&format!("export {store}.hemicube {store}.mtx -q")).is(0);
+        place
+            .line(&format!("export {store}.hemicube {store}.mtx -q --overwrite"))
+            .is(0);
         let read = std::fs::read_to_string(place.path(format!("{store}.mtx"))).expect("a matrix");
         let rows: Vec<String> = read
             .lines()
