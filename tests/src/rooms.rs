@@ -1,5 +1,7 @@
-//! Rooms of quads, as OBJ files: an object and a material each.
+//! Rooms of quads, as OBJ files: an object and a material each; and form factors between their objects.
 
+use crate::runs::Place;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// A point.
@@ -42,6 +44,53 @@ pub fn room(x: f64, y: f64, z: f64) -> Vec<Quad<'static>> {
 #[must_use]
 pub fn both_ways<'q>((name, [a, b, c, d]): Quad<'q>) -> [Quad<'q>; 2] {
     [(name, [a, b, c, d]), (name, [a, d, c, b])]
+}
+
+/// A folder with the quads as `scene.obj`, and `optics.toml`.
+#[must_use]
+pub fn place(quads: &[Quad<'_>], optics: &str) -> Place {
+    let place = Place::new();
+    place.write("scene.obj", obj(quads));
+    place.write("optics.toml", optics);
+    place
+}
+
+/// Form factors between objects, by their names; `escaped`, `blocked`, `unselected` and the like are columns, too.
+pub type Zones = BTreeMap<(String, String), f64>;
+
+/// Exports a store by object.
+///
+/// # Panics
+/// When the program refuses it, or the table holds anything but numbers.
+#[must_use]
+#[track_caller]
+pub fn zones(place: &Place, store: &str) -> Zones {
+    place
+        .line(&format!("export {store} zones.csv --by object --overwrite"))
+        .is(0);
+    let text = std::fs::read_to_string(place.path("zones.csv")).expect("the table");
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().expect("a head");
+    let mut zones = Zones::new();
+    for line in lines {
+        for (name, value) in head.iter().zip(&line).skip(1) {
+            if !["patches", "area"].contains(name) {
+                let pair = (line[0].to_owned(), (*name).to_owned());
+                zones.insert(pair, value.parse().expect("a number"));
+            }
+        }
+    }
+    zones
+}
+
+/// The form factor from an object to an object.
+///
+/// # Panics
+/// When there is none.
+#[must_use]
+#[track_caller]
+pub fn of(zones: &Zones, from: &str, to: &str) -> f64 {
+    zones[&(from.to_owned(), to.to_owned())]
 }
 
 /// Asserts |found − exact| ≤ most.

@@ -7,45 +7,12 @@
 
 use hemicube::portal::Law;
 use hemicube::solve::STEFAN_BOLTZMANN;
-use hemicube_tests::rooms::{Quad, both_ways, near, obj, room};
+use hemicube_tests::rooms::{Quad, both_ways, near, obj, of, place, room, zones};
 use hemicube_tests::runs::Place;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 const FOUR: &str = "[object.\"x*\"]\nspecular = 1\n[object.\"y*\"]\nspecular = 1\n";
-
-fn place(quads: &[Quad<'_>], optics: &str) -> Place {
-    let place = Place::new();
-    place.write("scene.obj", obj(quads));
-    place.write("optics.toml", optics);
-    place
-}
-
-/// A row of a table by object.
-type Zones = BTreeMap<(String, String), f64>;
-
-fn zones(place: &Place, store: &str) -> Zones {
-    place
-        .line(&format!("export {store} zones.csv --by object --overwrite"))
-        .is(0);
-    let text = std::fs::read_to_string(place.path("zones.csv")).expect("the table");
-    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
-    let head = lines.next().expect("a head");
-    let mut zones = Zones::new();
-    for line in lines {
-        for (name, value) in head.iter().zip(&line).skip(1) {
-            zones.insert(
-                (line[0].to_owned(), (*name).to_owned()),
-                value.parse().expect("a number"),
-            );
-        }
-    }
-    zones
-}
-
-fn of(zones: &Zones, from: &str, to: &str) -> f64 {
-    zones[&(from.to_owned(), to.to_owned())]
-}
 
 /// Net heat of each surface, and its mean temperature.
 fn heat(place: &Place, line: &str) -> BTreeMap<String, (f64, f64)> {

@@ -5,7 +5,7 @@
 #![cfg(unix)]
 
 use hemicube_tests::geometry::{parallel_rectangles, parallel_rectangles_apart};
-use hemicube_tests::rooms::{Quad, both_ways, near, obj, room};
+use hemicube_tests::rooms::{self, Quad, Zones, both_ways, near, obj, of, place, room};
 use hemicube_tests::runs::{Place, assert_same};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -14,13 +14,6 @@ use std::f64::consts::PI;
 const HALF: &str = "[object.x1]\nspecular = 0.5\n";
 const MIRROR: &str = "[object.x1]\nspecular = 1\n";
 const FOUR: &str = "[object.\"x*\"]\nspecular = 1\n[object.\"y*\"]\nspecular = 1\n";
-
-fn place(quads: &[Quad<'_>], optics: &str) -> Place {
-    let place = Place::new();
-    place.write("scene.obj", obj(quads));
-    place.write("optics.toml", optics);
-    place
-}
 
 /// A table by name: its first column, then by head.
 fn table(place: &Place, name: &str) -> Vec<BTreeMap<String, String>> {
@@ -36,28 +29,10 @@ fn number(row: &BTreeMap<String, String>, column: &str) -> f64 {
 
 /// Form factors by object of a store, which is sound.
 #[track_caller]
-fn zones(place: &Place, store: &str) -> BTreeMap<(String, String), f64> {
+fn zones(place: &Place, store: &str) -> Zones {
     let report = place.line(&format!("check {store} --json")).is(0).json();
     assert_eq!(report["ok"], true, "{report}");
-    place
-        .line(&format!("export {store} zones.csv --by object --overwrite"))
-        .is(0);
-    let rows = table(place, "zones.csv");
-    let of_row = |row: &BTreeMap<String, String>| {
-        let from = row["zone"].clone();
-        let numbers = row
-            .iter()
-            .filter(|(to, _)| !["zone", "patches", "area"].contains(&to.as_str()));
-        let entries: Vec<_> = numbers
-            .map(|(to, factor)| ((from.clone(), to.clone()), factor.parse().expect("a number")))
-            .collect();
-        entries
-    };
-    rows.iter().flat_map(of_row).collect()
-}
-
-fn of(zones: &BTreeMap<(String, String), f64>, from: &str, to: &str) -> f64 {
-    zones[&(from.to_owned(), to.to_owned())]
+    rooms::zones(place, store)
 }
 
 #[test]

@@ -13,9 +13,8 @@ use hemicube::store::{Part, PatchTable, Store, StoreWriter};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::Subdivision;
 use hemicube_tests::geometry::{parallel_rectangles, parallel_rectangles_apart};
-use hemicube_tests::rooms::{Quad, near, obj, room};
+use hemicube_tests::rooms::{self, Quad, near, obj, room};
 use hemicube_tests::runs::{Place, assert_same};
-use std::collections::BTreeMap;
 use std::fmt::Write;
 
 fn without<'q>(quads: Vec<Quad<'q>>, names: &[&str]) -> Vec<Quad<'q>> {
@@ -23,31 +22,11 @@ fn without<'q>(quads: Vec<Quad<'q>>, names: &[&str]) -> Vec<Quad<'q>> {
 }
 
 /// Form factors between objects, and their shares by `escaped`, `blocked`, `unselected`.
-struct Zones(BTreeMap<(String, String), f64>);
+struct Zones(rooms::Zones);
 
 impl Zones {
     fn of(&self, from: &str, to: &str) -> f64 {
-        self.0[&(from.to_owned(), to.to_owned())]
-    }
-}
-
-impl Folder {
-    fn zones(&self, store: &str) -> Zones {
-        let table = format!("{store}.csv");
-        self.0
-            .line(&format!("export {store} {table} --by object --overwrite"))
-            .is(0);
-        let text = std::fs::read_to_string(self.0.path(&table)).expect("the table");
-        let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
-        let head = lines.next().expect("a head");
-        let mut zones = BTreeMap::new();
-        for line in lines {
-            for (name, value) in head.iter().zip(&line).skip(1) {
-                let value: f64 = value.parse().expect("a number");
-                zones.insert((line[0].to_owned(), (*name).to_owned()), value);
-            }
-        }
-        Zones(zones)
+        rooms::of(&self.0, from, to)
     }
 }
 
@@ -70,7 +49,7 @@ impl Folder {
             .is(0);
         let report = self.0.line("check store --json").is(0).json();
         assert_eq!(report["ok"], true, "{report}");
-        self.zones("store")
+        Zones(rooms::zones(&self.0, "store"))
     }
 
     /// The report of a check.
