@@ -6,6 +6,8 @@ Scenes, closed or conforming, without crossing surfaces, which View3D does not t
     300     the room in 192 triangles with nine boxes, 300 triangles
     room    the room in 768 triangles with six boxes of 48, 1,056 triangles
     city    70 buildings on ground that conforms to them, 2,500 triangles
+    eps     `hemicube generate city --patches 600` and the room of 300, by View3D's `eps`: the file for View3D, by `hemicube view3d`
+            as well; relative Frobenius errors against `hemicube view3d` with eps=1e-5
 
 Each program writes the matrix of a scene, by turns, on one thread; figures are user and system seconds of the process (the least
 of the turns), the largest |row sum - 1| (in the city: |row sum + escaped - 1|, View3D without escaped by the reference's), and
@@ -26,9 +28,10 @@ import numpy as np
 
 TURNS = int(os.environ.get("TURNS", 2))
 SAMPLED = 12
-FINE = {"1e-7": ["--store", "double"]}
-REFERENCE = {"36": "1e-5", "300": "1e-4", "room": "3e-4", "city": "1e-3"}
-OURS = {"36": ["1e-3", "1e-4"], "300": ["1e-3"], "room": ["1e-3"], "city": ["1e-2", "3e-3"]}
+FINE = {"1e-6": ["--store", "double"]}
+REFERENCE = {"36": "1e-7", "300": "1e-7", "room": "3e-4", "city": "1e-3"}
+OURS = {"36": ["1e-3", "1e-4", "1e-6"], "300": ["1e-3", "1e-4", "1e-6"], "room": ["1e-3"], "city": ["1e-2", "3e-3"]}
+EPS = {"View3D": ["1e-4", "1e-5", "1e-6"], "hemicube": ["1e-4", "2e-4", "3e-4", "5e-4", "1e-3"]}
 
 
 def quads(origin, edges, pieces):
@@ -102,7 +105,7 @@ SCENES = {
 }
 
 
-def write(scene, folder):
+def write(scene, folder, eps=""):
     """The scene as OBJ and as View3D's file."""
     points, faces = {}, []
     for triangle in scene:
@@ -112,7 +115,7 @@ def write(scene, folder):
         obj.writelines("v %.17g %.17g %.17g\n" % p for p in points)
         obj.writelines("f %d %d %d\n" % tuple(face) for face in faces)
     with open(folder / "scene.vs3", "w") as vs3:
-        vs3.write("T scene\nC encl=0 list=0 out=1\nF 3\n")
+        vs3.write(f"T scene\nC encl=0 list=0 out=1 {eps}\nF 3\n")
         vs3.writelines("V %d %.17g %.17g %.17g\n" % (number, *p) for p, number in points.items())
         vs3.writelines("S %d %d %d %d 0 0 0 0.5 s%d\n" % (k + 1, *face, k + 1) for k, face in enumerate(faces))
         vs3.write("End of data\n")
@@ -179,6 +182,41 @@ def measure(program, view3d, name, folder):
     return result
 
 
+def triangles_of(path):
+    """The triangles of an OBJ file, polygons as fans."""
+    points, out = [], []
+    for line in path.read_text().splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "v":
+            points.append(np.array(words[:3], float))
+        elif kind == "f":
+            corners = [points[int(word.split("/")[0]) - 1] for word in words]
+            out += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:])]
+    return out
+
+
+def by_eps(program, view3d, folder):
+    """Seconds and errors of both programs by View3D's `eps`, a scene after the other."""
+    run([program, "generate", "city", "--patches", "600", "-o", "city.obj", "-q"], folder)
+    found = {}
+    for name, scene in (("city of 600", triangles_of(folder / "city.obj")), ("300", SCENES["300"]())):
+        def matrix(who, eps):
+            write(scene, folder, f"eps={eps}")
+            words = [view3d] if who == "View3D" else [program, "view3d"]
+            seconds, _ = run([*words, "scene.vs3", "out.vf"], folder)
+            return seconds, theirs(folder)
+
+        _, reference = matrix("hemicube", "1e-5")
+        for who, each in EPS.items():
+            for eps in each:
+                seconds, F = matrix(who, eps)
+                error = float(np.linalg.norm(F - reference) / np.linalg.norm(reference))
+                off = int((abs(F - reference) > 1e-3).sum())
+                found[f"{name}, {who} {eps}"] = {"seconds": seconds, "error": error, "off": off}
+                print(f"| {name}, {len(scene)} | {who}, eps={eps} | {seconds:.2f} | {100 * error:.3f} % | {off} off by 1e-3 |", flush=True)
+    return found
+
+
 def main():
     program, view3d, out, *names = sys.argv[1:]
     program, view3d = (str(pathlib.Path(path).resolve()) for path in (program, view3d))
@@ -186,7 +224,12 @@ def main():
     all_found = {"processor": model[0] if model else "?", "cores": os.cpu_count(), "scenes": {}}
     print("| scene | | seconds | largest row sum error | largest entry error, row sum against the reference |")
     print("|---|---|---|---|---|")
-    for name in names or SCENES:
+    for name in names or [*SCENES, "eps"]:
+        if name == "eps":
+            with tempfile.TemporaryDirectory() as folder:
+                all_found["eps"] = by_eps(program, view3d, pathlib.Path(folder))
+            pathlib.Path(out).write_text(json.dumps(all_found, indent=2) + "\n")
+            continue
         with tempfile.TemporaryDirectory() as folder:
             found = measure(program, view3d, name, pathlib.Path(folder))
         all_found["scenes"][name] = found

@@ -650,9 +650,9 @@ pub(crate) fn nineteen([a, b, c]: &[DVec3; 3]) -> [(DVec3, [f64; 2]); 19] {
     points
 }
 
-/// Three null rules of the nineteen points: sums that vanish for polynomials of degree 4, orthogonal to the difference of
-/// the two rules and to each other, and as long (Berntsen & Espelid 1991). What has a kink makes all of them small at once
-/// far more rarely than that difference alone.
+/// Three null rules of the nineteen points: sums that vanish for polynomials of degree 4, orthogonal to the difference
+/// of the two rules and to each other, and as long (Berntsen & Espelid 1991). A function with a kink makes all of them
+/// small at once far more rarely than that difference alone.
 pub(crate) fn null_rules() -> &'static [[f64; 19]; 3] {
     static RULES: OnceLock<[[f64; 19]; 3]> = OnceLock::new();
     RULES.get_or_init(|| {

@@ -28,8 +28,8 @@
 //! has. Rows that still change keep their last value, and are counted ([`SensorRow::is_settled`]).
 //!
 //! Through mirrors and panes, hemicubes are followed as those of patches are ([`crate::portal`]), and rows are of what
-//! arrives: Σ F − passed + sky + ground + blocked + cut off = 1. What comes through portals is scaled to what the closed
-//! forms of what is seen directly say that they hand on. Images of a cell are added into its patches, and what a
+//! arrives: Σ F − passed + sky + ground + blocked + cut off = 1. What comes through portals is scaled to what the
+//! closed forms of what is seen directly say that they hand on. Images of a cell are added into its patches, and what a
 //! tiling's end takes is cut off.
 //!
 //! A row depends on the scene, the settings and its own sensor: not on others, nor on the number of threads.
@@ -284,11 +284,11 @@ impl SensorRow {
         kept
     }
 
-    /// Mean radiant temperature in kelvin, T⁴ (1 − cut off) = Σ F_j B_j / σ + sky T_sky⁴ + ground T_ground⁴ +
-    /// blocked T_backs⁴, of radiosities B in W/m², one a patch, and `[sky, ground, backs]` in kelvin. The body's
-    /// absorptance is its emissivity, and cancels. What is cut off is taken for the mean of the rest. With NaN for backs,
-    /// they are left out, too: T⁴ (1 − cut off − blocked) is what the others add up to. So does `solve`, whose patches
-    /// exchange nothing with backs.
+    /// Mean radiant temperature in kelvin, T⁴ (1 − cut off) = Σ F_j B_j / σ + sky T_sky⁴ + ground T_ground⁴ + blocked
+    /// T_backs⁴, of radiosities B in W/m², one a patch, and `[sky, ground, backs]` in kelvin. The body's absorptance is
+    /// its emissivity, and cancels. What is cut off is taken for the mean of the rest. With NaN for backs, they are
+    /// left out, too: T⁴ (1 − cut off − blocked) is what the others add up to. So does `solve`, whose patches exchange
+    /// nothing with backs.
     ///
     /// ```
     /// use hemicube::InputPatch;

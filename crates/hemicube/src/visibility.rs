@@ -2,8 +2,8 @@
 //!
 //! A `shaft` lists the occluders between the two, as regions of coplanar surfaces (`coplanar`). An empty shaft proves
 //! full visibility, a single region in front of all of it full occlusion. Rays decide the rest, against the list or,
-//! where it is long, down the tree (`segments`, `wide`), or `exact` polygons from points; `bodies` tells which faces of a
-//! convex body matter. `candidates` finds patches that could matter though no hemicube saw them.
+//! where it is long, down the tree (`segments`, `wide`), or `exact` polygons from points; `bodies` tells which faces of
+//! a convex body matter. `candidates` finds patches that could matter though no hemicube saw them.
 
 pub(crate) mod bodies;
 pub(crate) mod candidates;

@@ -70,8 +70,11 @@ pub(crate) fn load(folder: &Path, options: ReadOptions) -> Result<Scene, Error> 
     for file in files(folder)? {
         whole.push(&file, crate::load(&file, options)?)?;
     }
-    Ok(whole.scene)
+    Ok(whole.finish())
 }
+
+/// Bound of a folder's warnings: cities come in hundreds of tiles.
+const MOST_WARNINGS: usize = 8;
 
 /// A scene while files are added to it.
 #[derive(Default)]
@@ -83,6 +86,8 @@ struct Whole {
     /// The file that prescribes the axis up, and the one that prescribes the unit.
     of_up: String,
     of_unit: String,
+    /// Number of warnings beyond [`MOST_WARNINGS`].
+    more_warnings: u64,
 }
 
 impl Whole {
@@ -131,19 +136,31 @@ impl Whole {
         for (reason, count) in scene.findings.counts {
             whole.findings.count_many(&reason, count);
         }
-        let warnings = scene.findings.warnings.into_iter();
-        whole
-            .findings
-            .warnings
-            .extend(warnings.map(|warning| format!("`{name}`: {warning}")));
+        for warning in scene.findings.warnings {
+            self.warn(format!("`{name}`: {warning}"));
+        }
         Ok(())
+    }
+
+    fn warn(&mut self, warning: String) {
+        if self.scene.findings.warnings.len() < MOST_WARNINGS {
+            self.scene.findings.warnings.push(warning);
+        } else {
+            self.more_warnings += 1;
+        }
+    }
+
+    fn finish(mut self) -> Scene {
+        let findings = &mut self.scene.findings;
+        findings.count_many("warning of a file, after the first ones", self.more_warnings);
+        self.scene
     }
 
     /// The number of a material in the whole; `None` where there are more than can be numbered.
     fn number(&mut self, material: Material, file: &str) -> Option<u32> {
         if let Some(&number) = self.materials.get(&material.name) {
             if self.scene.materials[number as usize] != material {
-                self.scene.findings.warnings.push(format!(
+                self.warn(format!(
                     "`{file}`: material `{}` has other values than in a file before, and the first ones hold",
                     material.name
                 ));
@@ -294,5 +311,12 @@ mod tests {
             whole.scene.findings.warnings,
             ["`c.obj`: material `m` has other values than in a file before, and the first ones hold"]
         );
+        // Of many files the first warnings are said, and the others are counted.
+        for _ in 0..99 {
+            whole.push(Path::new("d.obj"), scene(0.25)).unwrap();
+        }
+        let findings = whole.finish().findings;
+        assert_eq!(findings.warnings.len(), MOST_WARNINGS);
+        assert_eq!(findings.get("warning of a file, after the first ones"), 92);
     }
 }

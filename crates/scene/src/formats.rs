@@ -177,12 +177,13 @@ fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
 
 /// Reads the scene in `path`: a file, or a folder, all scene files of which are one scene ([`files`](crate::files)).
 ///
-/// A folder's objects have the name of their file, `FILE`, or `FILE/OBJECT` where the file has several. Materials of one
-/// name are one material.
+/// A folder's objects have the name of their file, `FILE`, or `FILE/OBJECT` where the file has several. Materials of
+/// one name are one material.
 ///
 /// # Errors
-/// When a folder is refused ([`files`](crate::files)), or its files prescribe different axes up or units; when a file cannot be read, its extension names no known format, the format's reader is not compiled in, or the
-/// reader refuses it. The error names the file and, for text formats, the line.
+/// When a folder is refused ([`files`](crate::files)), or its files prescribe different axes up or units; when a file
+/// cannot be read, its extension names no known format, the format's reader is not compiled in, or the reader refuses
+/// it. The error names the file and, for text formats, the line.
 ///
 /// ```
 /// use hemicube_scene::{ReadOptions, load};

@@ -221,7 +221,8 @@ pub enum JobError {
     },
     /// A patch has triangles with different mirrors or panes.
     #[error(
-        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ; compute by `--patches {by}`",
+        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ; compute by \
+         `--patches {by}`",
         kind.name()
     )]
     MixedOptics {

@@ -529,9 +529,9 @@ struct Known {
 }
 
 impl Known {
-    /// Takes a share measured by segments, if it says more than rays do. It is a pair that rays found: of P = 1 − e^(−n)
-    /// of such pairs, with n hits expected. Each stands for 1 / P of them (Horvitz & Thompson 1952), or what rays happen
-    /// to miss would be lost, and what they know alone would be scaled up for it.
+    /// Takes a share measured by segments, if it says more than rays do. It is a pair that rays found: of P = 1 −
+    /// e^(−n) of such pairs, with n hits expected. Each stands for 1 / P of them (Horvitz & Thompson 1952), or what
+    /// rays happen to miss would be lost, and what they know alone would be scaled up for it.
     fn measure(&mut self, whole: f64, share: Option<Share>, casts: &Casts<'_>, found: &Found) {
         let Some(share) = share else { return };
         let (factor, error) = (whole * share.share, whole * share.error);

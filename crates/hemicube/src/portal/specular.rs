@@ -280,8 +280,8 @@ impl Specular {
 }
 
 /// The first triangle that lets light through on one side only: neither two-sided nor there both ways, as itself or as
-/// a part of its face, whose other side may be cut along the other diagonal. However patches cut a triangle, its corners
-/// are those of its other side.
+/// a part of its face, whose other side may be cut along the other diagonal. However patches cut a triangle, its
+/// corners are those of its other side.
 fn one_sided(scene: &Scene, triangles: impl Iterator<Item = usize>) -> Option<usize> {
     let panes: BTreeSet<usize> = triangles.collect();
     let bits = |triangle: usize| {

@@ -13,8 +13,8 @@
 //! |F' − F| ≤ 2⁻¹¹ F for every F from 2⁻⁶² up, smaller ones never become 0, and 0 and 1 are exact. Rounding again
 //! changes nothing. Decoding takes whole numbers only: every machine and NumPy find the same bits.
 //!
-//! Through mirrors a form factor may be 2 and more (`store/validate.rs`). A part with such ones has the format `r15`: every
-//! code stands for 2¹⁵ times as much.
+//! Through mirrors a form factor may be 2 and more (`store/validate.rs`). A part with such ones has the format `r15`:
+//! every code stands for 2¹⁵ times as much.
 //!
 //! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of
 //! the columns of a row are the one before plus 1, in any scene. **Why not deflate or zstd on top.** The rest is mostly

@@ -11,10 +11,11 @@
 //! determinant is affine in x: its sign at the three corners of a cell holds all over the cell. So whole cells are
 //! proved to see all, or nothing, and occluders that cannot matter are left out of their parts.
 //!
-//! Two measurers, because two errors are asked for. [`ExactVisibility`] takes the place of 10⁵ rays and more at a pair whose
-//! error is one of many in a row's: 10⁻³ of a fraction, six points a cell, estimates whose squares add up, triangles
-//! of walls as occluders. [`critical::CriticalCells`] keeps a bound on one pair's exchange area, 10⁻⁵ and less: it knows
-//! the lines where the integrand is not smooth, which costs more than all of the six points where 10⁻³ is enough.
+//! Two measurers, because two errors are asked for. [`ExactVisibility`] takes the place of 10⁵ rays and more at a pair
+//! whose error is one of many in a row's: 10⁻³ of a fraction, six points a cell, estimates whose squares add up,
+//! triangles of walls as occluders. [`critical::CriticalCells`] keeps a bound on one pair's exchange area, 10⁻⁵ and
+//! less: it knows the lines where the integrand is not smooth, which costs more than all of the six points where 10⁻³
+//! is enough.
 
 pub(crate) mod critical;
 

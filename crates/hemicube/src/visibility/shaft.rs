@@ -1527,8 +1527,8 @@ mod tests {
         assert!(partly > 200 && near > 20, "{partly} pairs partly visible, {near} near");
     }
 
-    /// Sixteen thousand triangles in one place: a segment to the one that is seen passes the blocks of all, and its steps
-    /// say so. Found in a room with twenty thousand, a row of which did not end.
+    /// Sixteen thousand triangles in one place: a segment to the one that is seen passes the blocks of all, and its
+    /// steps say so. Found in a room with twenty thousand, a row of which did not end.
     #[test]
     fn segments_to_thousands_of_triangles_in_one_place_cost_what_they_meet() {
         let p = DVec3::new;

@@ -2,8 +2,6 @@
 //!
 //! It holds the boxes and leaves of a binary [`Tree`] and stops the same segments. Where a shaft is crowded, segments
 //! take most of a pair's time, and most of that on their way down (Wald, Benthin & Boulos 2008; Ernst & Greiner 2008).
-//! In a city of 38,936 triangles on two of ground, a segment to the ground meets 20 blocks in 1.1 µs, and in 2.2 µs by
-//! the binary tree.
 
 use crate::bvh::{INNER, Node, Tree};
 use crate::simd::{InstructionSet, dispatch, least, most};

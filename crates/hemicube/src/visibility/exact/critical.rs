@@ -12,11 +12,10 @@
 //! through both (EV events; Heckbert 1992, Drettakis & Fiume 1994). Across such a line B has a kink in its second
 //! derivative, in its first one where edges are parallel, and a step where an occluder stands on the outer triangle.
 //! Cells are integrated by Radon's seven points of degree 5, and by nineteen of degree 8 that hold these seven (Laurie
-//! 1982). A cell's error is the difference of the two, more where they agree and three other null rules do not, and where a
-//! critical line crosses it. The cell with the
-//! largest error is cut along the critical line that divides it most evenly, or in halves where none does, until all
-//! errors together are small enough. Places where three edges pass each other (EEE events) are curved; they are left to
-//! the halving.
+//! 1982). A cell's error is the difference of the two, more where they agree and three other null rules do not, and more
+//! where a critical line crosses it. The cell with the largest error is cut along the critical line that divides it most
+//! evenly, or in halves where none does, until all errors together are small enough. Places where three edges pass each
+//! other (EEE events) are curved; they are left to the halving.
 //!
 //! No arrangement of all critical lines from the start, because a pair between two boxes has a hundred of them, and
 //! thousands of cells, of which a few hold all of the error.
@@ -47,14 +46,13 @@ const BESIDE: f64 = 1e-10;
 /// Share of a cell's area below which the part beyond a line is not worth a cut.
 const LEAST_SHARE: f64 = 0.02;
 /// Part of a cell's factor that its points may miss beyond a critical line, for s^1.5, s the share of its area there: a
-/// shadow that begins along the line grows with the distance, √s in a corner. Of the factors of rooms with two boxes at
-/// 10⁻⁶, 0.05 s² left up to 30 bounds, 0.05 s^1.5 7 bounds, this 0.1 in three rooms of four ([`BY_CHANCE`] in all).
+/// shadow that begins along the line grows with the distance, √s in a corner. Chosen by the rooms of
+/// `tests/tests/exact_extremes.rs`, whose factors 0.05 s² left up to 30 bounds off.
 const MISSED: f64 = 0.2;
 /// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
 const UNEVEN: f64 = 4.0;
-/// Part of the length of all four null rules that is the least difference of the two rules. Of kinks at random on a cell,
-/// 6 % of the error is beyond the difference alone, and 0.3 % beyond it and 0.3 of the length. Of rooms with two and three
-/// boxes at 10⁻⁶, 0.3 left a factor 8 bounds off, 1 none.
+/// Part of the length of all four null rules that is the least difference of the two rules. Chosen by the same rooms, of
+/// which 0.3 left a factor 8 bounds off.
 const BY_CHANCE: f64 = 1.0;
 /// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
 const MOST_FACES: usize = 6;
