@@ -642,12 +642,17 @@ pub(crate) mod tests {
 
     /// Quads as patches, two triangles each; what comes after the first two quads has two sides.
     pub(crate) fn model_of(quads: &[[[DVec3; 3]; 2]], turn: DQuat) -> Model {
-        let triangles = quads.concat().into_iter().enumerate().map(|(k, t)| Triangle {
+        model_with_sides(&quads.concat(), turn, |k| k >= 4)
+    }
+
+    /// Triangles, turned; `is_two_sided` tells by their place.
+    pub(crate) fn model_with_sides(triangles: &[[DVec3; 3]], turn: DQuat, is_two_sided: fn(usize) -> bool) -> Model {
+        let triangles = triangles.iter().enumerate().map(|(k, t)| Triangle {
             corners: t.map(|q| turn * q),
             object: 0,
             material: 0,
             face: 0,
-            two_sided: k >= 4,
+            two_sided: is_two_sided(k),
         });
         let scene = Scene {
             triangles: triangles.collect(),

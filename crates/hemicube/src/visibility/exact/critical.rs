@@ -1073,7 +1073,7 @@ mod tests {
     use super::*;
     use crate::Model;
     use crate::factor::{FactorRule, exchange};
-    use crate::visibility::exact::tests::{model_of, quad};
+    use crate::visibility::exact::tests::{model_of, model_with_sides, quad};
     use crate::visibility::segments::Obstacles;
     use crate::visibility::shaft::PatchTriangle;
     use glam::DQuat;
@@ -1264,7 +1264,7 @@ mod tests {
             let triangles = [walls, far, near].concat().concat();
             for (axis, angle) in TURNS {
                 let turn = DQuat::from_axis_angle(axis.normalize(), angle);
-                let model = one_sided(&triangles, turn);
+                let model = model_with_sides(&triangles, turn, |_| false);
                 let (sums, points) = sums(&model, 1e-6);
                 // Triangles 0 and 1 are the floor; 24 and 25 what may lie on it.
                 let free = (0..36).filter(|k| low.z > 0.0 || ![0, 1, 24, 25].contains(k));
@@ -1283,22 +1283,6 @@ mod tests {
                 );
             }
         }
-    }
-
-    fn one_sided(triangles: &[[DVec3; 3]], turn: DQuat) -> Model {
-        let triangles = triangles.iter().map(|t| hemicube_scene::Triangle {
-            corners: t.map(|q| turn * q),
-            object: 0,
-            material: 0,
-            face: 0,
-            two_sided: false,
-        });
-        let scene = hemicube_scene::Scene {
-            triangles: triangles.collect(),
-            ..hemicube_scene::Scene::default()
-        };
-        let patches = hemicube_scene::Patches::new(&scene, hemicube_scene::Subdivision::None).expect("patches");
-        Model::new(patches.into(), crate::HierarchyOptions::default()).expect("a model")
     }
 
     /// Row sums to a tolerance of each pair, and the points of all pairs.
