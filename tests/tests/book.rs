@@ -53,6 +53,11 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
         "takes minutes, and builds View3D from its own repository",
     ),
     (
+        "docs/portals.md",
+        "cargo test --release -p hemicube-tests --test portal_forms -- --nocapture --include-ignored",
+        "it is a test: `./test` runs its quick part, `./test --full` all of it",
+    ),
+    (
         "docs/python.md",
         "python3 -m venv venv",
         "`./test` builds the wheel, installs it into an environment of its own and runs the page there",
