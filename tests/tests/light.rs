@@ -382,6 +382,37 @@ fn shares_of_open_scenes_are_refined_and_two_plates_stay_what_they_are() {
     }
 }
 
+/// A unit square below the back of another, h = ½ apart: no form factor tells the sky from the back. The back takes what
+/// the front would: F = 0.415253 (Howell C-11).
+#[test]
+fn the_sky_is_told_from_backs_though_every_form_factor_is_zero() {
+    let place = Place::new();
+    let square = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [1.0, 1.0, z], [0.0, 1.0, z]];
+    std::fs::write(place.path("back.obj"), obj(&[square(0.0), square(0.5)])).expect("written");
+    for (settings, bound) in [
+        ("", 0.02),
+        ("--tolerance 1%", 0.01),
+        ("--tolerance 0.1%", 1e-3),
+        ("--tolerance 1e-6", 1e-3),
+    ] {
+        place.line(&format!(
+            "compute back.obj -o m --patches face {settings} --quiet --overwrite"
+        ));
+        let rows = Store::open(&place.path("m"))
+            .expect("a store")
+            .row_table()
+            .expect("rows")
+            .clone();
+        let [blocked, escaped] = [rows.blocked[0], rows.escaped[0]];
+        assert!((blocked - 0.415_253).abs() < bound, "{settings}: {blocked}");
+        assert!(
+            (blocked + escaped - 1.0).abs() < 1e-9,
+            "{settings}: {blocked}, {escaped}"
+        );
+        assert!(rows.escaped[1] == 1.0 && rows.blocked[1] == 0.0, "{settings}");
+    }
+}
+
 /// Two large plates close together: q = σ(T₁⁴ − T₂⁴) / (1/ε₁ + 1/ε₂ − 1).
 #[test]
 fn two_plates_exchange_what_the_textbook_says() {
