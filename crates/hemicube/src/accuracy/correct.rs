@@ -191,6 +191,9 @@ const SURELY: f64 = 2.0;
 const ASKED: f64 = 0.75;
 /// Factor on that part if only the sky takes a share: the sum of the form factors then tells it. A choice.
 const SKY_ONLY: f64 = 4.0;
+/// Shares of two kinds, each above so many permitted errors, are measured by rays where a tolerance is asked for: the
+/// form factors tell their sum and not which is which, and one point has each off by some tenths of it. A choice.
+const TWO_KINDS: f64 = 8.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;
 
@@ -349,6 +352,7 @@ impl<'c> Converter<'c> {
             emitter,
             hemicubes: weights.shares,
             permitted: self.correction.permitted_sum(),
+            has_tolerance: self.correction.tolerance().is_some(),
             receives,
             found: self.ray_shares,
         };
@@ -631,6 +635,8 @@ struct SumBalance<'a, R> {
     hemicubes: RowShares,
     /// Permitted error of the sum.
     permitted: f64,
+    /// True if a tolerance is asked for.
+    has_tolerance: bool,
     /// Tells the patches with a column.
     receives: R,
     /// Rays' shares of the last emitter of which they were asked for.
@@ -666,6 +672,13 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
             self.hemicubes.escaped > 0.0 && self.hemicubes.blocked == 0.0 && self.hemicubes.unselected == 0.0;
         let is_off = residual > ASKED * self.permitted * if is_sky_only { SKY_ONLY } else { 1.0 };
         is_off || factors > 1.0 + ASKED * self.permitted || self.has_ray_shares()
+    }
+
+    /// Returns whether the row loses so much in two ways that rays must tell them apart.
+    fn loses_in_two_ways(&self) -> bool {
+        let least = TWO_KINDS * self.permitted;
+        let shares = self.hemicubes.to_array();
+        self.has_tolerance && shares.into_iter().filter(|&share| share > least).count() > 1
     }
 
     /// Difference of form factors of this sum from their known sum; `None` if permitted.
@@ -708,7 +721,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The non-visible shares of a finished row, refined to form factors of this sum and this error.
     fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
-        if !self.asks_rays(factors) {
+        if !self.asks_rays(factors) && !self.loses_in_two_ways() {
             return by_hemicubes;
         }
         let emitter = Emitter::new(self.model, self.emitter);
