@@ -219,7 +219,7 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     place.line("compute cube.obj --subdivide 1 --rows 0..5 -o G --no-config");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
     place.fails("solve G --materials lit.toml", &["rows of 5 patches only"]);
-    // What does not converge is kept, says so, and ends with 1.
+    // A solution that does not converge is kept, says so, and ends with 1.
     let (code, _, err) = place.ran("solve F --materials lit.toml --method jacobi --max-iterations 2");
     assert_eq!(code, Some(1));
     assert!(err.contains("the residual did not reach"), "{err}");
@@ -442,7 +442,7 @@ fn an_enclosure_of_three_surfaces_exchanges_what_the_textbook_says() {
     assert!((flux[1] / expected + 1.0).abs() < 1e-3, "{} {expected}", flux[1]);
     for wall in [2, 3] {
         assert!(flux[wall].abs() < 1e-3 * expected, "{}", flux[wall]);
-        // What keeps nothing takes a temperature between those of the others.
+        // A surface without heat of its own takes a temperature between those of the others.
         assert!((500.0..1200.0).contains(&temperature[wall]), "{}", temperature[wall]);
     }
 }
@@ -607,7 +607,7 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
     }
 }
 
-/// Where the matrix lost nothing, its sky is not rendered: the bytes are those of rendering it.
+/// A matrix that lost nothing renders no sky: the bytes are those of rendering it.
 #[test]
 fn nothing_escapes_from_a_closed_cube() {
     let place = Place::new();
@@ -670,7 +670,7 @@ fn sky_and_ground_are_what_escaped() {
     assert_eq!(report["columns"].as_u64(), Some(578));
     assert_eq!(report["rows_as_in_matrix"], report["patches"]);
     assert!(report["ground"].as_f64().expect("a share") > 0.0);
-    // The same bytes, whatever the threads.
+    // Equal bytes, whatever the threads.
     place.write("points.txt", "0 30 0 0 1 0\n5 2 5 1 0 0\n");
     let run = |threads: u32| {
         let out = format!("sky-{threads}");
@@ -810,7 +810,7 @@ fn the_sky_is_columns_of_the_export() {
     }
 }
 
-/// What a free, level plane sees of each patch of the sky is ∫ cos θ dΩ / π over it, and in all 1.
+/// A free, level plane sees ∫ cos θ dΩ / π of each patch of the sky, and in all 1.
 #[test]
 fn a_free_plane_sees_the_whole_sky() {
     let place = Place::new();
