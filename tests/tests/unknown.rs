@@ -41,33 +41,6 @@ fn zones_without_rows_are_empty_in_tables_and_refused_by_view3d() {
 }
 
 #[test]
-fn rows_that_were_not_computed_are_nan_in_dense_arrays_and_compared_as_missing() {
-    let place = two_rows();
-    place.line("export two dense.npy").is(0);
-    place.line("export two zones.npy --by object").is(0);
-    for name in ["dense.npy", "zones.npy"] {
-        let bytes = std::fs::read(place.path(name)).expect("an array");
-        // Version 1.0: the length of the header is in bytes 8 and 9.
-        let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
-        let numbers: Vec<f32> = bytes[start..]
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|&b| f32::from_le_bytes(b))
-            .collect();
-        let count = numbers.len().isqrt();
-        assert_eq!(count * count, numbers.len());
-        let (known, unknown) = numbers.split_at(2 * count);
-        assert!(
-            known.iter().all(|number| number.is_finite()) && known.iter().sum::<f32>() > 1.5,
-            "{known:?}"
-        );
-        assert!(unknown.iter().all(|number| number.is_nan()), "{name}: {unknown:?}");
-    }
-    place.line("compare dense.npy two").is(0);
-}
-
-#[test]
 fn what_surfaces_exchange_takes_all_rows() {
     let place = two_rows();
     place.write("grey.toml", "[default]\nemissivity = 0.8\n");

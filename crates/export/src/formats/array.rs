@@ -90,19 +90,15 @@ impl MatrixWriter for Npy {
             .map_err(on_write)?;
         let size = precision.size();
         let (mut bytes, mut number) = (vec![0; size * columns as usize], Vec::with_capacity(size));
-        precision.put(f64::NAN, &mut number);
-        let unknown = number.repeat(columns as usize);
         for patch in export.patches() {
             bytes.fill(0);
-            let Some(row) = export.row(patch)? else {
-                file.write_all(&unknown).map_err(on_write)?;
-                continue;
-            };
-            for (&column, factor) in row.indices.iter().zip(&row.data) {
-                let place = size * column as usize;
-                number.clear();
-                precision.put(factor, &mut number);
-                bytes[place..place + size].copy_from_slice(&number);
+            if let Some(row) = export.row(patch)? {
+                for (&column, factor) in row.indices.iter().zip(&row.data) {
+                    let place = size * column as usize;
+                    number.clear();
+                    precision.put(factor, &mut number);
+                    bytes[place..place + size].copy_from_slice(&number);
+                }
             }
             file.write_all(&bytes).map_err(on_write)?;
         }

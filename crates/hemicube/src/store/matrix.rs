@@ -133,8 +133,7 @@ impl Matrix {
         }
     }
 
-    /// A row, from 0. `None` when it was not computed, which a store tells, and a dense array by a row of NaN:
-    /// elsewhere it is empty.
+    /// A row, from 0. `None` when a store does not have it, which only a store can tell: elsewhere it is empty.
     ///
     /// # Errors
     /// When the file is damaged, or a value is not finite.
@@ -155,10 +154,6 @@ impl Matrix {
             }
             Source::Dense { element, offset, file } => self.dense_row(*element, *offset, file, row)?,
         };
-        let is_dense = matches!(self.source, Source::Dense { .. });
-        if is_dense && values.len() == self.patch_count as usize && values.iter().all(|value| value.is_nan()) {
-            return Ok(None);
-        }
         if let Some((column, value)) = columns.iter().zip(&values).find(|(_, value)| !value.is_finite()) {
             return Err(Error::malformed(
                 &self.path,
