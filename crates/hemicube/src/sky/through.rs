@@ -117,7 +117,7 @@ impl Worker<'_> {
         }
         blocked += behind / FINE;
         let count = u32::try_from(hemicubes.len()).unwrap_or(u32::MAX);
-        Ok(self.bins.take(blocked, count, f64::NAN))
+        Ok(self.bins.take(blocked, count))
     }
 }
 
