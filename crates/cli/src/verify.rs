@@ -315,6 +315,9 @@ pub(crate) struct Verification {
     rows_computed: u64,
     seed: u64,
     reference_target: f64,
+    /// Reference rows that the bound on their rays ended off that target; their errors hold what was left.
+    #[serde(skip_serializing_if = "is_none")]
+    reference_cut_short: u64,
     tolerance: Option<f64>,
     verdict: Option<Verdict>,
     interrupted: bool,
@@ -323,6 +326,11 @@ pub(crate) struct Verification {
     /// Only of patches that are several triangles.
     #[serde(skip_serializing_if = "Option::is_none")]
     elements: Option<Elements>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_none(count: &u64) -> bool {
+    *count == 0
 }
 
 /// Triangles traced for rows of patches.
@@ -489,6 +497,7 @@ impl Verify<'_> {
             rows_computed,
             seed: self.seed,
             reference_target,
+            reference_cut_short: rows.iter().filter(|row| row.cut_short).count() as u64,
             tolerance: self.tolerance.map(|tolerance| tolerance.0),
             verdict: judged.map(|tolerance| Verdict::of(&measured, rows_computed, tolerance)),
             interrupted: false,
@@ -649,7 +658,12 @@ impl Verification {
                 ),
             );
         }
-        list.add("reference", format!("its own noise is {}", percent(m.reference_noise)));
+        let noise = format!("its own noise is {}", percent(m.reference_noise));
+        let short = match self.reference_cut_short {
+            0 => String::new(),
+            short => format!("; the bound on rays ended {} of its rows early", count(short)),
+        };
+        list.add("reference", noise + &short);
         if let (Some(tolerance), Some(verdict)) = (self.tolerance, self.verdict) {
             let says = match verdict {
                 Verdict::Kept => "kept".to_owned(),

@@ -58,7 +58,8 @@ pub struct ReferenceSettings {
     /// The standard error aimed at, as a share of a row's Euclidean norm. The part likely missing of a row is as small
     /// a share of its sum, and the error of the escaped share is no larger.
     pub target: f64,
-    /// Number of rays at which a row ends even off the target; its error says so.
+    /// Number of rays at which a row ends even off the target; its error says so. Where a ray is held against 64 n
+    /// triangles on average, as where thousands of them lie in one place, it counts as n, rounded down.
     pub max_rays: u64,
     /// Seed of the random numbers.
     pub seed: u64,
@@ -147,6 +148,8 @@ pub struct ReferenceRow {
     pub agreement_count: u32,
     /// Rays traced.
     pub rays: u64,
+    /// True if the bound on rays ended the row off its target.
+    pub cut_short: bool,
 }
 
 impl ReferenceRow {
@@ -252,6 +255,9 @@ pub struct Reference<'m> {
 const SHARE_OF_MISSED: f64 = 0.3;
 /// A row's rays over the bound of segments to patches not met over the hemisphere.
 const SHARE_OF_UNMET: u64 = 4;
+/// Triangles that a ray is held against on average, up to which `max_rays` is what it says: several times those
+/// of a city or a machine. A choice.
+const USUAL_TESTS: u64 = 64;
 /// Cost of looking at a patch, in rays: a segment of each batch and the closed form.
 const RAYS_OF_A_LOOK: u64 = 48;
 /// Number of patches that are looked at even if rays are cheaper.
@@ -423,8 +429,8 @@ impl<'m> Reference<'m> {
         let Some(sight) = Sight::new(self.model, emitter) else {
             return row;
         };
-        let ReferenceSettings { target, max_rays, seed } = self.settings;
-        let least = self.find(&sight, scratch);
+        let ReferenceSettings { target, seed, .. } = self.settings;
+        let (least, is_found) = self.find(&sight, scratch);
         let Scratch { hemisphere, facing } = scratch;
         let enough = SHARE_OF_CLOSED_FORM * target * hemisphere.squared_norm().sqrt();
         let pair = |(patch, hits)| {
@@ -441,7 +447,8 @@ impl<'m> Reference<'m> {
         pairs.extend(unmet.into_iter().filter(|pair| !pair.is_hidden()));
         pairs.sort_unstable_by_key(Pair::receiver);
         let rays = hemisphere.rays();
-        self.refine(&sight, &mut pairs, rays, max_rays.saturating_sub(rays + looked));
+        let left = self.most_rays(hemisphere).saturating_sub(rays + looked);
+        row.cut_short = !self.refine(&sight, &mut pairs, rays, left) || !is_found;
 
         let share_partly = share_partly_visible(&pairs);
         let total = rays as f64;
@@ -472,10 +479,17 @@ impl<'m> Reference<'m> {
         row
     }
 
+    /// Bound of a row's rays, by the triangles that those over the hemisphere were held against.
+    fn most_rays(&self, hemisphere: &Hemisphere) -> u64 {
+        let usual = hemisphere.tests_a_ray() / USUAL_TESTS;
+        (self.settings.max_rays / usual.max(1)).max(2 * Hemisphere::RAYS)
+    }
+
     /// Casts rays over the hemisphere until looking at the unmet patches costs no more than the rays did. Returns the
-    /// bound from which on patches must be looked at for the target, or can be if there are no more rays.
-    fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> f64 {
-        let ReferenceSettings { target, max_rays, seed } = self.settings;
+    /// bound from which on patches must be looked at for the target, or can be if there are no more rays; and whether it
+    /// is the target's.
+    fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> (f64, bool) {
+        let ReferenceSettings { target, seed, .. } = self.settings;
         facing.find(self.model, sight);
         hemisphere.begin();
         loop {
@@ -484,14 +498,15 @@ impl<'m> Reference<'m> {
             let wanted = self.least(hemisphere, facing);
             // Both numbers are small enough for either type.
             let cost = facing.from(wanted).len() as u64 * RAYS_OF_A_LOOK;
+            let max_rays = self.most_rays(hemisphere);
             let most = max_rays / SHARE_OF_UNMET;
             if hemisphere.error_of_shares() <= target && cost <= rays.max(LOOKS_FOR_NOTHING * RAYS_OF_A_LOOK).min(most)
             {
-                return wanted;
+                return (wanted, true);
             }
             if rays + Hemisphere::RAYS > max_rays / 2 {
                 let count = usize::try_from(most / RAYS_OF_A_LOOK).unwrap_or(usize::MAX);
-                return wanted.max(facing.least_of(count));
+                return (wanted.max(facing.least_of(count)), false);
             }
         }
     }
@@ -521,7 +536,7 @@ impl<'m> Reference<'m> {
     /// Returns the likely missing part in those that no segment reached: with n segments a pair, Σ F = Σ F⁰ / n over
     /// pairs reached by one, Σ F² = Σ 2 F⁰² / (n (n − 1)) over pairs reached by two.
     fn look(&self, sight: &Sight, unmet: &mut [Pair], hemisphere: &Hemisphere) -> Missing {
-        let ReferenceSettings { target, max_rays, .. } = self.settings;
+        let (target, max_rays) = (self.settings.target, self.most_rays(hemisphere));
         let batches = BATCHES as f64;
         let rays = hemisphere.rays() as f64;
         // A segment to a pair is to be worth a few rays over the hemisphere, within the bound.
@@ -549,8 +564,9 @@ impl<'m> Reference<'m> {
         missing_of(unmet)
     }
 
-    /// Casts rays between pairs, in proportion to their part in the row's error, until the row is good enough.
-    fn refine(&self, sight: &Sight, pairs: &mut [Pair], before: u64, max_rays: u64) {
+    /// Casts rays between pairs, in proportion to their part in the row's error, until the row is good enough. Returns
+    /// whether `max_rays` did for that.
+    fn refine(&self, sight: &Sight, pairs: &mut [Pair], before: u64, max_rays: u64) -> bool {
         let target = self.settings.target * self.settings.target;
         // Begin with one ray a batch for small pairs, four for the others. The norm is not known yet: take the counted
         // or the unoccluded form factor, the lesser of the two.
@@ -595,7 +611,7 @@ impl<'m> Reference<'m> {
                 }
                 let extra = whole::to_u64(extra).min(left / BATCHES as u64);
                 if extra == 0 {
-                    return;
+                    return false;
                 }
                 left -= extra * BATCHES as u64;
                 pair.cast(&self.occluders, sight, extra);
@@ -605,6 +621,7 @@ impl<'m> Reference<'m> {
                 break;
             }
         }
+        true
     }
 }
 

@@ -796,3 +796,33 @@ fn cost_of_a_row() {
         }
     }
 }
+
+/// Thousands of triangles in one place: each ray to them is held against all. Rows end after fewer rays, and say so.
+#[test]
+fn rows_that_see_thousands_of_triangles_in_one_place_end() {
+    let p = DVec3::new;
+    let mut triangles = cut(quad([[0., 0., 0.], [4., 0., 0.], [4., 4., 0.], [0., 4., 0.]])).to_vec();
+    for k in 0..4000 {
+        let turned = |x: f64| {
+            let angle = x + f64::from(k) * 0.001_7;
+            p(2.0 + angle.cos(), 2.0 + angle.sin(), 1.0)
+        };
+        triangles.push([turned(0.0), turned(4.2), turned(2.1)]);
+    }
+    let model = model_of(&triangles, Subdivision::None);
+    let bounded = ReferenceSettings {
+        max_rays: 1_000_000,
+        ..settings(3e-4)
+    };
+    let reference = Reference::new(&model, bounded).expect("good settings");
+    let row = reference.row(InputPatch(0)).expect("a row");
+    assert!(row.cut_short && row.rays < bounded.max_rays / 4, "{} rays", row.rays);
+    assert!(row.noise() > 3e-4, "{}", row.noise());
+    // Of two triangles in sight, a row has all that it needs.
+    let plain = model_of(&triangles[..3], Subdivision::None);
+    let row = Reference::new(&plain, settings(3e-3))
+        .expect("good settings")
+        .row(InputPatch(0))
+        .expect("a row");
+    assert!(!row.cut_short && row.noise() < 4e-3, "{}", row.noise());
+}

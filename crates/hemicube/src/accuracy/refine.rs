@@ -122,7 +122,7 @@ impl Refinement {
 
     /// Bound of one row's work, in steps ([`crate::visibility::shaft`]): 10⁹ · max(0.01 / T, 1), at most 10¹¹.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
-    fn most_steps(&self) -> u64 {
+    pub(crate) fn most_steps(&self) -> u64 {
         (TOLERANCE_STEPS * (0.01 / self.tolerance).clamp(1.0, 100.0)) as u64
     }
 
@@ -284,6 +284,15 @@ struct Limits {
     /// z √d above which a pair is measured.
     least: f64,
     /// Bound of the row's work, in steps.
+    steps: u64,
+}
+
+/// Allowance of one pair's measurement.
+#[derive(Clone, Copy, Debug)]
+struct Allowance {
+    /// λ.
+    multiplier: f64,
+    /// Bound of its work, in steps: what is left of the row's.
     steps: u64,
 }
 
@@ -768,10 +777,14 @@ impl<'c> Refiner<'c> {
         let regions = CoplanarRegions::of(model);
         let obstacles = Obstacles::new(model, &regions);
         for class in 0..CLASSES {
+            let mut steps = 0;
             let of_class = |pair: &&Pair| usize::from(pair.cell.class) == class;
             let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.unoccluded).sum();
             for pair in self.pairs.iter().filter(of_class).filter(|pair| pair.unoccluded > 0.0) {
                 let chance = (PRIOR_PAIRS * pair.unoccluded / total).min(1.0);
+                if steps >= PRIOR_STEPS {
+                    break;
+                }
                 let seed = seed(emitter.patch.0, pair.patch);
                 if splitmix::unit(splitmix::hash(seed.wrapping_add(splitmix::STEP))) >= chance {
                     continue;
@@ -781,11 +794,13 @@ impl<'c> Refiner<'c> {
                 let triangles =
                     self.shaft
                         .pair(obstacles, emitter.triangle(), PatchTriangle::new(pair.patch, &corners));
+                steps += triangles.steps;
                 let fraction = if let Some(fraction) = triangles.proved_fraction() {
                     fraction
                 } else {
                     let mut cast = Cast::default();
                     self.shaft.cast(obstacles, &triangles, PRIOR_RAYS, seed, &mut cast);
+                    steps += cast.steps;
                     let Some(fraction) = cast.fraction() else { continue };
                     fraction
                 };
@@ -818,11 +833,13 @@ impl<'c> Refiner<'c> {
         let regions = CoplanarRegions::of(emitter.model);
         let obstacles = Obstacles::new(emitter.model, &regions);
         let mut refined = Refined::default();
-        let cancel = self.cancel;
+        let (cancel, most_steps) = (self.cancel, self.refinement.most_steps());
         for pair in self.pairs.iter_mut().filter(|pair| pair.unoccluded > 0.0) {
-            if cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed)) {
-                refined.cut_short = true;
-                break;
+            refined.cut_short |= refined.steps >= most_steps;
+            refined.cut_short |= cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed));
+            if refined.cut_short {
+                refined.squared_error += large::UNMEASURED * pair.unoccluded * pair.unoccluded;
+                continue;
             }
             self.shaft.clear();
             let corners = emitter.model.normalised_corners(pair.patch);
@@ -830,6 +847,7 @@ impl<'c> Refiner<'c> {
                 .shaft
                 .pair(obstacles, emitter.triangle(), PatchTriangle::new(pair.patch, &corners));
             refined.shafts += 1;
+            refined.steps += triangles.steps;
             if let Some(fraction) = triangles.proved_fraction() {
                 pair.fraction = fraction;
                 continue;
@@ -838,9 +856,12 @@ impl<'c> Refiner<'c> {
                 // For a factor below a hundredth, relative to a hundredth.
                 enough: EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.unoccluded).max(1.0),
                 most_points: MOST_POINTS_EACH,
+                most_steps: most_steps - refined.steps.min(most_steps),
                 along_contacts: true,
             };
-            if let Some(exact) = self.exact.measure(&self.shaft, &regions, &triangles, precision) {
+            let exact = self.exact.measure(&self.shaft, &regions, &triangles, precision);
+            refined.steps += self.exact.steps();
+            if let Some(exact) = exact {
                 pair.fraction = exact.fraction;
                 refined.points += exact.points as u64;
                 refined.squared_error += (exact.error * pair.unoccluded).powi(2);
@@ -850,6 +871,7 @@ impl<'c> Refiner<'c> {
             let mut cast = Cast::default();
             self.shaft.cast(obstacles, &triangles, EACH_RAYS, seed, &mut cast);
             refined.rays += EACH_RAYS as u64;
+            refined.steps += cast.steps;
             if let Some(fraction) = cast.fraction() {
                 pair.fraction = fraction;
             }
@@ -890,7 +912,7 @@ impl<'c> Refiner<'c> {
                 }
                 let (group, contribution) = (self.pairs[place].cell.group(), self.contributions[place]);
                 let before = self.pairs[place].fraction;
-                self.measure_pair(emitter, place, limits.multiplier, refined);
+                self.measure_pair(emitter, place, limits, refined);
                 let pair = &self.pairs[place];
                 found[group].squared += (pair.unoccluded * (pair.fraction - before)).powi(2);
                 found[group].expected += contribution.own * contribution.own;
@@ -929,7 +951,7 @@ impl<'c> Refiner<'c> {
     }
 
     /// Measures the fraction of a pair, or takes it over from an earlier attempt at the row.
-    fn measure_pair(&mut self, emitter: &Emitter<'_>, place: usize, multiplier: f64, refined: &mut Refined) {
+    fn measure_pair(&mut self, emitter: &Emitter<'_>, place: usize, limits: Limits, refined: &mut Refined) {
         let patch = self.pairs[place].patch;
         let before = self.measured[..self.measured_before].binary_search_by_key(&patch, |measured| measured.patch);
         if let Ok(at) = before {
@@ -943,8 +965,11 @@ impl<'c> Refiner<'c> {
             refined.add(measured.cost);
             return;
         }
-        let mut cost = Refined::default();
-        self.measure_anew(emitter, place, multiplier, &mut cost);
+        let allowed = Allowance {
+            multiplier: limits.multiplier,
+            steps: limits.steps.saturating_sub(refined.steps),
+        };
+        let cost = self.measure_anew(emitter, place, allowed);
         refined.add(cost);
         let pair = &self.pairs[place];
         self.measured.push(Measured {
@@ -956,8 +981,10 @@ impl<'c> Refiner<'c> {
         });
     }
 
-    /// Measures the fraction of a pair: by proof, by rays, or exactly from points.
-    fn measure_anew(&mut self, emitter: &Emitter<'_>, place: usize, multiplier: f64, refined: &mut Refined) {
+    /// Measures the fraction of a pair: by proof, by rays, or exactly from points. Returns its error and cost. A pair
+    /// that meets its allowance keeps what its rays and points so far say, by their error.
+    fn measure_anew(&mut self, emitter: &Emitter<'_>, place: usize, allowed: Allowance) -> Refined {
+        let mut refined = Refined::default();
         let regions = CoplanarRegions::of(emitter.model);
         let obstacles = Obstacles::new(emitter.model, &regions);
         let pair = &mut self.pairs[place];
@@ -970,7 +997,7 @@ impl<'c> Refiner<'c> {
         refined.steps += triangles.steps;
         if triangles.is_occluded {
             pair.fraction = 0.0;
-            return;
+            return refined;
         }
         if pair.is_rough {
             pair.exchange_area = factor::exchange(&emitter.corners, &corners, &self.refinement.rule);
@@ -979,7 +1006,7 @@ impl<'c> Refiner<'c> {
         }
         if triangles.is_unoccluded() {
             pair.fraction = 1.0;
-            return;
+            return refined;
         }
         let seed = seed(emitter.patch.0, pair.patch);
         let z = pair.exchange_area * pair.per_area;
@@ -997,7 +1024,7 @@ impl<'c> Refiner<'c> {
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = (seen * count + 0.5) / (count + 1.0);
             let spread = (smooth * (1.0 - smooth)).sqrt();
-            let mut wanted = rays_for((spread * z).powi(2) * multiplier, ray);
+            let mut wanted = rays_for((spread * z).powi(2) * allowed.multiplier, ray);
             if self.refinement.all {
                 // Some dozens of such pairs add up to the error of a row's sum, even where their first rays agree by
                 // chance. The larger factor of the two is at most √2 z.
@@ -1011,17 +1038,19 @@ impl<'c> Refiner<'c> {
                     // As much as those rays would leave.
                     enough: spread * variance_of_rays(wanted.max(1.0)).sqrt(),
                     most_points: MOST_POINTS,
+                    most_steps: allowed.steps.saturating_sub(refined.steps + cast.steps),
                     along_contacts: false,
                 };
                 let exact = self.exact.measure(&self.shaft, &regions, &triangles, precision);
                 refined.steps += self.exact.steps();
+                refined.cut_short |= self.exact.steps() >= precision.most_steps;
                 if let Some(exact) = exact {
                     refined.steps += cast.steps;
                     pair.fraction = exact.fraction;
                     refined.rays += rays as u64;
                     refined.points += exact.points as u64;
                     refined.squared_error += (exact.error * pair.unoccluded).powi(2);
-                    return;
+                    return refined;
                 }
             }
             #[allow(
@@ -1035,6 +1064,12 @@ impl<'c> Refiner<'c> {
                 break (rays, spread);
             }
             next = wanted.min(GROWTH * next);
+            // The next rays cost what the rays so far did, about.
+            let dear = cast.steps / rays.max(1) as u64 * next.saturating_sub(rays) as u64;
+            if refined.steps + cast.steps + dear > allowed.steps {
+                refined.cut_short = true;
+                break (rays, spread);
+            }
         };
         refined.rays += rays as u64;
         refined.steps += cast.steps;
@@ -1043,6 +1078,7 @@ impl<'c> Refiner<'c> {
             pair.fraction = fraction;
         }
         refined.squared_error += (spread * pair.unoccluded).powi(2) * variance_of_rays(rays.max(1) as f64);
+        refined
     }
 }
 
@@ -1072,6 +1108,8 @@ const EACH_RAYS: usize = 1 << 18;
 const PRIOR_PAIRS: f64 = 16.0;
 /// Rays at each of them.
 const PRIOR_RAYS: usize = 512;
+/// Bound of the steps of each class in a row. A choice: ten times what 16 pairs with a crowded shaft take.
+const PRIOR_STEPS: u64 = 50_000_000;
 
 /// The seed of a pair, the same in both directions.
 fn seed(i: u32, j: u32) -> u64 {

@@ -8,6 +8,11 @@
 //! rows may be larger, by efforts of up to 8. What a row sums to keeps the tolerance whatever the effort, and so do
 //! closed forms. Everything depends on the scene, the settings and the seed, never on a clock.
 //!
+//! Settling is bounded, as rows are: its rows tried with a quarter of the tolerance take sixteen times the steps of a
+//! row's bound at most, and so do its efforts. Where the first do, fewer rows are tried, evenly from the sample; where the
+//! second do, the effort is the last one's in proportion to its error, and the reason says so. A row tried that its
+//! bound cut short has its own expected error on top of what efforts differ from it by.
+//!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
 //! would be a second truth.
 
@@ -15,7 +20,7 @@ mod grouped;
 
 use crate::accuracy::correct::fraction;
 use crate::accuracy::error_model::PriorSums;
-use crate::accuracy::refine::{Pair, Refinement, Refiner, exact};
+use crate::accuracy::refine::{Pair, Refined, Refinement, Refiner, exact};
 use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
@@ -88,6 +93,13 @@ const LEAST_SHARED: f64 = 1.0 / 16.0;
 /// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
 const LEAST_ESTIMATE: f64 = 0.05;
 const MOST_ESTIMATE: f64 = 4.0;
+/// Bound of the steps of the rows tried with a quarter of the tolerance, and of the efforts tried, in bounds of a row. A
+/// choice.
+const BOUND_IN_ROWS: u64 = 16;
+/// Number of rows, and of their twins, that are tried at once.
+const CHUNK: usize = 8;
+/// A calibration's reason where its effort was not tried.
+const BY_PROPORTION: &str = "by proportion";
 /// Seed of the sample.
 const SEED: u64 = 0x7E57_0F70;
 
@@ -108,6 +120,13 @@ fn resolution_of(effort: f64) -> u32 {
 
 /// Columns and form factors of a row at some effort.
 type Row = Vec<(u32, f64)>;
+
+/// A row with a quarter of the tolerance.
+struct Tried {
+    row: Row,
+    /// Expected Σ (F − true F)² of a row that met its bound; 0 of others.
+    squared_error: f64,
+}
 
 /// Elements with rows, and the patches that they are of.
 #[derive(Clone, Copy, Debug)]
@@ -173,7 +192,7 @@ pub fn calibrate<'a>(
     let own = if grouping.is_some() { weights.len() } else { rows.len() };
     let stride = own.div_ceil(TRIED_ROWS).max(1);
     let tried = (0..own).step_by(stride);
-    let sample = Sample {
+    let mut sample = Sample {
         tried: match grouping {
             None => tried.collect(),
             Some(_) => tried.clone().chain(tried.map(|place| own + place)).collect(),
@@ -197,7 +216,9 @@ pub fn calibrate<'a>(
     let exact = sample.exact(known)?;
     let mut calibration = sample.search(known, norm, &exact)?;
     let percent = |x: f64| format!("{:.3} %", 100.0 * x);
-    let verdict = if calibration.keeps(tolerance) {
+    let verdict = if calibration.reason == BY_PROPORTION {
+        "; the effort in proportion, as settling met the bound of its work"
+    } else if calibration.keeps(tolerance) {
         ""
     } else {
         "; more than was asked for, and the most that is tried"
@@ -341,49 +362,73 @@ impl Sample<'_> {
         Ok(refinement.with_multiplier_of(&expected_errors))
     }
 
-    /// The k-th row refined, and its expected squared error.
-    fn refined(&self, refiner: &mut Refiner<'_>, block: &RowBlock, k: usize) -> (Row, f64) {
+    /// The k-th row refined, with its expected error and cost.
+    fn refined(&self, refiner: &mut Refiner<'_>, block: &RowBlock, k: usize) -> (Row, Refined) {
         let refined = refiner.row(self.model, self.rows[k], seen(block.row(k)), false, self.receives);
-        (values(&refiner.pairs), refined.squared_error)
+        (values(&refiner.pairs), refined)
     }
 
-    /// The rows tried, with a quarter of the tolerance.
-    fn exact(&self, known: Refinement) -> Result<Vec<Row>, ComputeError> {
+    /// The rows tried, with a quarter of the tolerance. Where they meet the bound of settling, `self.tried` has fewer
+    /// of them afterwards.
+    fn exact(&mut self, known: Refinement) -> Result<Vec<Tried>, ComputeError> {
         let finest = Refinement {
             rule: FactorRule::for_tolerance(self.tolerance * 0.1),
             ..self.at_effort(known, 0.25)?
         };
-        let exact = side_by_side(self.execution, finest, &self.tried, |refiner, k| {
-            self.refined(refiner, &self.fine, k).0
-        });
-        self.go_on()?;
-        Ok(exact)
+        let own = match self.grouping {
+            Some(_) => self.tried.len() / 2,
+            None => self.tried.len(),
+        };
+        let most_steps = BOUND_IN_ROWS * finest.most_steps();
+        let mut exact: Vec<(usize, Tried)> = Vec::with_capacity(self.tried.len());
+        let mut steps = 0;
+        for chunk in spread(own).chunks(CHUNK) {
+            let twins = chunk.iter().map(|n| own + n).filter(|&n| n < self.tried.len());
+            let numbers: Vec<usize> = chunk.iter().copied().chain(twins).collect();
+            let found = side_by_side(self.execution, finest, &numbers, |refiner, n| {
+                self.refined(refiner, &self.fine, self.tried[n])
+            });
+            self.go_on()?;
+            for (n, (row, refined)) in numbers.into_iter().zip(found) {
+                steps += refined.steps;
+                let squared_error = if refined.cut_short { refined.squared_error } else { 0.0 };
+                exact.push((n, Tried { row, squared_error }));
+            }
+            if steps >= most_steps {
+                break;
+            }
+        }
+        exact.sort_by_key(|&(n, _)| n);
+        self.tried = exact.iter().map(|&(n, _)| self.tried[n]).collect();
+        Ok(exact.into_iter().map(|(_, tried)| tried).collect())
     }
 
-    /// Tries an effort: the error of the rows tried, relative to `norm`, the mean of Σ F².
+    /// Tries an effort: the error of the rows tried, relative to `norm`, the mean of Σ F²; and its steps.
     fn try_effort(
         &self,
         known: Refinement,
         norm: f64,
-        exact: &[Row],
+        exact: &[Tried],
         effort: f64,
-    ) -> Result<Calibration, ComputeError> {
+    ) -> Result<(Calibration, u64), ComputeError> {
         let refinement = self.at_effort(known, effort)?;
         // Where all pairs are measured, hemicubes only tell escaped and blocked shares: coarse ones would save nothing.
         let resolution = if known.all { FINEST } else { resolution_of(effort) };
         let block = if resolution == COARSE { &self.coarse } else { &self.fine };
         let numbered: Vec<usize> = (0..self.tried.len()).collect();
-        let found: Vec<(Row, f64)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
+        let found: Vec<(Row, Refined)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
             self.refined(refiner, block, self.tried[n])
         });
         self.go_on()?;
-        let (rows, expected): (Vec<Row>, Vec<f64>) = found.into_iter().unzip();
+        let (rows, refined): (Vec<Row>, Vec<Refined>) = found.into_iter().unzip();
+        let steps = refined.iter().map(|refined| refined.steps).sum();
         let errors = rows
             .iter()
             .zip(exact)
-            .map(|(row, exact)| squared_difference(row, exact));
+            .map(|(row, exact)| squared_difference(row, &exact.row) + exact.squared_error);
         let errors: Vec<f64> = errors.collect();
-        let (squared, expected): (f64, f64) = (errors.iter().sum(), expected.iter().sum());
+        let squared: f64 = errors.iter().sum();
+        let expected: f64 = refined.iter().map(|refined| refined.squared_error).sum();
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
         let estimate = if expected > 0.0 {
             (squared / expected).clamp(LEAST_ESTIMATE, MOST_ESTIMATE) as f32
@@ -396,17 +441,20 @@ impl Sample<'_> {
             let differences: Vec<Row> = rows
                 .iter()
                 .zip(exact)
-                .map(|(row, exact)| difference(row, exact))
+                .map(|(row, exact)| difference(row, &exact.row))
                 .collect();
-            let (own, stride) = (differences.len() / 2, self.weights.len().div_ceil(TRIED_ROWS).max(1));
-            let of = |n: usize| of_patch(self.weights[n * stride], &differences[n], &differences[own + n]);
+            let own = differences.len() / 2;
+            let of = |n: usize| {
+                let of_elements = of_patch(self.weights[self.tried[n]], &differences[n], &differences[own + n]);
+                of_elements + exact[n].squared_error
+            };
             let of_patches: Vec<f64> = (0..own).map(of).collect();
             // Few pairs know a mean near 0 badly.
             let least = LEAST_SHARED * mean;
             (mean, error) = mean_and_error(&of_patches);
             mean = mean.max(least);
         }
-        Ok(Calibration {
+        let calibration = Calibration {
             refinement: Refinement { estimate, ..refinement },
             resolution,
             expected: (mean / norm).sqrt(),
@@ -417,28 +465,59 @@ impl Sample<'_> {
                 errors.len()
             },
             reason: String::new(),
-        })
+        };
+        Ok((calibration, steps))
     }
 
-    /// The cheapest effort that keeps the tolerance with a margin, otherwise the dearest.
-    fn search(&self, known: Refinement, norm: f64, exact: &[Row]) -> Result<Calibration, ComputeError> {
+    /// The cheapest effort that keeps the tolerance with a margin, otherwise the dearest; of those that the bound of
+    /// settling's work leaves untried, the one that keeps it if errors fall in proportion to efforts.
+    fn search(&self, known: Refinement, norm: f64, exact: &[Tried]) -> Result<Calibration, ComputeError> {
         let [cheapest, dearer @ ..] = EFFORTS;
         let [.., dearest] = EFFORTS;
         let most = MARGIN * self.tolerance;
-        let mut found = self.try_effort(known, norm, exact, cheapest)?;
+        let most_steps = BOUND_IN_ROWS * known.most_steps();
+        let (mut found, mut steps) = self.try_effort(known, norm, exact, cheapest)?;
         for effort in dearer {
             if found.at_most <= most {
                 break;
             }
             // An error falls with the effort at most: an effort that cannot do is not tried.
-            let hope = effort / found.refinement.effort * found.at_most;
-            if hope <= SLACK * MARGIN * self.tolerance || effort == dearest || resolution_of(effort) != found.resolution
+            let share = effort / found.refinement.effort;
+            let hope = share * found.at_most;
+            if steps >= most_steps {
+                if hope <= most || effort == dearest {
+                    let refinement = self.at_effort(known, effort)?;
+                    found = Calibration {
+                        refinement: Refinement {
+                            estimate: found.refinement.estimate,
+                            ..refinement
+                        },
+                        resolution: if known.all { FINEST } else { resolution_of(effort) },
+                        expected: share * found.expected,
+                        at_most: hope,
+                        reason: BY_PROPORTION.to_owned(),
+                        ..found
+                    };
+                    break;
+                }
+            } else if hope <= SLACK * MARGIN * self.tolerance
+                || effort == dearest
+                || resolution_of(effort) != found.resolution
             {
-                found = self.try_effort(known, norm, exact, effort)?;
+                let (tried, more) = self.try_effort(known, norm, exact, effort)?;
+                (found, steps) = (tried, steps + more);
             }
         }
         Ok(found)
     }
+}
+
+/// The numbers below `count`, each first part of them evenly spread: those of the even places follow those of every
+/// fourth, and so on.
+fn spread(count: usize) -> Vec<usize> {
+    let mut numbers: Vec<usize> = (0..count).collect();
+    numbers.sort_by_key(|&n| (std::cmp::Reverse(n.trailing_zeros()), n));
+    numbers
 }
 
 /// `of` each of `items`, in order, on several threads with a refiner each; of some only, where it is cancelled.
@@ -537,4 +616,26 @@ fn hemicubes(
     let first = rows.first().copied().unwrap_or(InputPatch(0));
     render(model, settings, backend, first, &asked, &mut block)?;
     Ok(block)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_parts_of_a_spread_sample_are_spread() {
+        for count in [0, 1, 7, 64, 100] {
+            let numbers = spread(count);
+            let mut sorted = numbers.clone();
+            sorted.sort_unstable();
+            assert_eq!(sorted, (0..count).collect::<Vec<_>>());
+        }
+        let numbers = spread(64);
+        for first in [8, 16, 32] {
+            let mut part = numbers[..first].to_vec();
+            part.sort_unstable();
+            let largest = part.windows(2).map(|pair| pair[1] - pair[0]).max();
+            assert_eq!(largest, Some(64 / first), "{part:?}");
+        }
+    }
 }

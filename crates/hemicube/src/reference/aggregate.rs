@@ -92,6 +92,7 @@ pub fn rows_of_patches(
                 of_shares += (weight * row.error_of_shares).powi(2);
                 of_missed += (weight * row.error_of_missed).powi(2);
                 sum.rays += row.rays;
+                sum.cut_short |= row.cut_short;
             }
             (sum.error_of_shares, sum.error_of_missed) = (of_shares.sqrt(), of_missed.sqrt());
             for (column, (value, squared)) in entries {
@@ -188,6 +189,7 @@ pub fn row_of_sample(
         shares += (traced.error_of_shares / count).powi(2);
         of_missed += (traced.error_of_missed / count).powi(2);
         found.rays += traced.rays;
+        found.cut_short |= traced.cut_short;
     }
     let mut entries: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
     for (&column, &value) in stored.columns.iter().zip(&stored.values) {

@@ -27,6 +27,8 @@ pub(super) struct Hemisphere {
     escaped: u64,
     blocked: u64,
     rays: u64,
+    /// Triangles that rays were held against.
+    tests: u64,
     /// Result of each ray of a round, by the stratum of its direction.
     met: Vec<Share>,
     /// Numbers of neighbouring strata that differ in having escaped, in being blocked, and in either.
@@ -62,6 +64,7 @@ impl Hemisphere {
             escaped: 0,
             blocked: 0,
             rays: 0,
+            tests: 0,
             met: vec![Share::Found; (STRATA * STRATA) as usize],
             differing: [0; 3],
         }
@@ -73,7 +76,7 @@ impl Hemisphere {
             self.hits[patch as usize] = 0;
         }
         self.found.clear();
-        (self.escaped, self.blocked, self.rays) = (0, 0, 0);
+        (self.escaped, self.blocked, self.rays, self.tests) = (0, 0, 0, 0);
         self.differing = [0; 3];
     }
 
@@ -81,7 +84,7 @@ impl Hemisphere {
     pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64) {
         let round = self.rays / ROUND;
         each_stratum(emitter, [seed, u64::MAX, round], |stratum, origin, direction| {
-            self.met[stratum as usize] = match occluders.first(emitter, origin, direction) {
+            self.met[stratum as usize] = match occluders.first_counted(emitter, origin, direction, &mut self.tests) {
                 Met::Nothing => {
                     self.escaped += 1;
                     Share::Escaped
@@ -121,6 +124,11 @@ impl Hemisphere {
 
     pub(super) fn rays(&self) -> u64 {
         self.rays
+    }
+
+    /// Triangles that a ray was held against, on average.
+    pub(super) fn tests_a_ray(&self) -> u64 {
+        self.tests / self.rays.max(1)
     }
 
     pub(super) fn escaped(&self) -> f64 {

@@ -186,11 +186,17 @@ impl Occluders {
 
     /// The first hit of the ray from a point of the emitter; `direction` of unit length.
     pub(super) fn first(&self, emitter: &Sight, origin: DVec3, direction: DVec3) -> Met {
+        self.first_counted(emitter, origin, direction, &mut 0)
+    }
+
+    /// [`Self::first`]; adds the triangles that the ray was held against to `tests`.
+    pub(super) fn first_counted(&self, emitter: &Sight, origin: DVec3, direction: DVec3, tests: &mut u64) -> Met {
         let mut nearest = f64::INFINITY;
         // The first hit so far, its distance along the ray, and its surface.
         let mut best: Option<(Met, f64, &Occluder)> = None;
         let ray = Ray::new(rounded(origin), rounded(direction), 0.0, FAR);
         self.hierarchy.ray_traverse(ray, &mut RayHit::none(), |_, index| {
+            *tests += 1;
             let occluder = &self.occluders[index];
             let Some((t, determinant)) = occluder.meet(origin, direction) else {
                 return f32::INFINITY;

@@ -103,6 +103,8 @@ pub(crate) struct ExactVisibility {
     pieces: Pieces,
     next: Pieces,
     points: usize,
+    /// Work on pieces beyond the first of a point, in steps.
+    more_steps: u64,
     /// Volumes below this are rounding.
     slack: f64,
 }
@@ -125,6 +127,8 @@ pub(crate) struct Precision {
     pub(crate) enough: f64,
     /// Number of points at which it ends, about.
     pub(crate) most_points: usize,
+    /// Steps at which it ends, whatever the error is then.
+    pub(crate) most_steps: u64,
     /// True to cut cells along the lines on which occluders stand on them.
     ///
     /// From one side of such a line to the other the visible factor jumps. Where cells lie along the line, their
@@ -134,6 +138,10 @@ pub(crate) struct Precision {
 
 /// Steps (`shaft.rs`) of a point, for each occluder of the pair. Measured.
 const STEPS_A_POINT: u64 = 30;
+/// Steps of holding a further piece against an occluder, and of cutting it. Where triangles pierce each other, a target
+/// is in a hundred pieces from each point. Measured.
+const STEPS_A_PIECE: u64 = 20;
+const STEPS_A_CUT: u64 = 250;
 /// Bound of the occluders of a pair that is measured from points.
 const MOST_OCCLUDERS: usize = 128;
 
@@ -225,7 +233,7 @@ impl ExactVisibility {
         pair: &TrianglePair,
         precision: Precision,
     ) -> Option<ExactFraction> {
-        self.points = 0;
+        (self.points, self.more_steps) = (0, 0);
         self.occluders.clear();
         if pair.is_crowded {
             return None;
@@ -301,7 +309,8 @@ impl ExactVisibility {
             if unoccluded <= 0.0 {
                 return None;
             }
-            if estimate <= enough * unoccluded || self.points > precision.most_points {
+            let is_at_end = self.points > precision.most_points || self.steps() >= precision.most_steps;
+            if estimate <= enough * unoccluded || is_at_end {
                 return Some(ExactFraction {
                     fraction: visible / unoccluded,
                     error: estimate / unoccluded,
@@ -312,7 +321,7 @@ impl ExactVisibility {
             let least = 0.7 * enough * unoccluded / (cells.len() as f64).sqrt();
             let mut next = Vec::with_capacity(4 * cells.len());
             for cell in cells {
-                if cell.estimate <= least {
+                if cell.estimate <= least || self.steps() >= precision.most_steps {
                     next.push(cell);
                 } else {
                     self.divide(&cell, view, &mut next)?;
@@ -324,7 +333,7 @@ impl ExactVisibility {
 
     /// Work of the last measurement, in steps.
     pub(crate) fn steps(&self) -> u64 {
-        self.points as u64 * STEPS_A_POINT * (1 + self.occluders.len() as u64)
+        self.points as u64 * STEPS_A_POINT * (1 + self.occluders.len() as u64) + self.more_steps
     }
 
     /// Evaluates a cell from its six points. `parent` are the occluders that matter to the cell it is part of.
@@ -452,6 +461,7 @@ impl ExactVisibility {
             }
             let cone = &cone[..outline.len()];
             let is_beside = |piece: &Polygon| cone.iter().any(|n| piece.corners().iter().all(|p| n.dot(*p) <= slack));
+            self.more_steps += STEPS_A_PIECE * (self.pieces.count as u64).saturating_sub(1);
             if self.pieces.as_slice().iter().all(is_beside) {
                 continue;
             }
@@ -462,6 +472,7 @@ impl ExactVisibility {
                     self.next.push(piece.corners().iter().copied());
                     continue;
                 }
+                self.more_steps += if self.pieces.count > 1 { STEPS_A_CUT } else { 0 };
                 for (k, n) in cone.iter().enumerate() {
                     let whole = if k == 0 { piece } else { &inside };
                     whole.split_into(*n, 0.0, slack, &mut within, &mut without);
@@ -636,6 +647,7 @@ pub(crate) mod tests {
         Precision {
             enough,
             most_points: 20_000,
+            most_steps: u64::MAX,
             along_contacts,
         }
     }
@@ -683,6 +695,54 @@ pub(crate) mod tests {
             }
         }
         (exchange / whole, change)
+    }
+
+    /// Triangles that pierce each other between two squares: a target is in dozens of pieces from each point. The work
+    /// ends at its bound, and the fraction is as far off as it says, or less.
+    #[test]
+    fn a_measurement_ends_at_its_steps() {
+        use crate::sampling::splitmix;
+        let p = DVec3::new;
+        let below = quad([p(0., 0., 0.), p(1., 0., 0.), p(1., 1., 0.), p(0., 1., 0.)]);
+        let above = quad([p(0., 0., 1.), p(0., 1., 1.), p(1., 1., 1.), p(1., 0., 1.)]);
+        let mut number = 0;
+        let mut unit = || {
+            number += 1;
+            splitmix::unit(splitmix::hash(number))
+        };
+        let mut corner = |around: DVec3| around + (p(unit(), unit(), unit()) - 0.5) * 0.25;
+        let mut triangles = [below, above].concat();
+        for k in 0..40 {
+            let place = f64::from(k) / 40.0;
+            let around = p((7.3 * place).fract(), (11.7 * place).fract(), 0.3 + 0.4 * place);
+            triangles.push([corner(around), corner(around), corner(around)]);
+        }
+        let model = model_with_sides(&triangles, DQuat::IDENTITY, |k| k >= 4);
+        let regions = &*CoplanarRegions::of(&model);
+        let obstacles = Obstacles::new(&model, regions);
+        let (own, other) = (model.normalised_corners(0), model.normalised_corners(2));
+        let mut shaft = Shaft::default();
+        let pair = shaft.pair(obstacles, PatchTriangle::new(0, &own), PatchTriangle::new(2, &other));
+        let mut exact = ExactVisibility::default();
+        let mut measured = |most_steps| {
+            let precision = Precision {
+                most_steps,
+                ..precision(1e-4, false)
+            };
+            let found = exact.measure(&shaft, regions, &pair, precision).expect("a fraction");
+            (found, exact.steps())
+        };
+        let (whole, all) = measured(u64::MAX);
+        let by_points = whole.points as u64 * STEPS_A_POINT * 41;
+        assert!(all > 2 * by_points, "{all} steps, {by_points} without pieces");
+        let bound = all / 20;
+        let (part, steps) = measured(bound);
+        assert!(steps >= bound && steps < bound + bound / 4, "{steps} of {bound}");
+        let off = (part.fraction - whole.fraction).abs();
+        assert!(
+            part.error > whole.error && off <= 3.0 * part.error,
+            "{part:?}, {whole:?}"
+        );
     }
 
     /// A plate sticks through a leaning wall along a line that cells of the wall lie along, too. The factor is by

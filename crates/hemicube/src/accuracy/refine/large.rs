@@ -8,7 +8,7 @@
 //! To the matrix such a row hardly matters: its form factors are small, and the larger one of each pair is measured in
 //! the other row. So rays are allotted by the row's own form factors.
 
-use super::{Refined, Refiner, STEPS_A_PAIR};
+use super::{Allowance, Refined, Refiner, STEPS_A_PAIR};
 use crate::accuracy::error_model::{FRACTIONS_SHARE, LEAST_SPREAD, NEAR_RAY, TREE_RAY, rays_for, variance_of_rays};
 use crate::accuracy::row::Emitter;
 use crate::visibility::shaft::RAYS;
@@ -17,7 +17,7 @@ use crate::visibility::shaft::RAYS;
 /// A choice.
 const LEAST_SHARE: f64 = 0.1;
 /// Mean squared error of a fraction that the bound of steps left unmeasured. A choice.
-const UNMEASURED: f64 = 0.1;
+pub(super) const UNMEASURED: f64 = 0.1;
 /// Steps of one ray down the tree, about.
 const STEPS_A_RAY: f64 = 600.0;
 
@@ -51,8 +51,11 @@ impl Refiner<'_> {
                 refined.cut_short = true;
                 return false;
             }
-            let mut cost = Refined::default();
-            refiner.measure_anew(emitter, place, multiplier, &mut cost);
+            let allowed = Allowance {
+                multiplier,
+                steps: most_steps - refined.steps,
+            };
+            let mut cost = refiner.measure_anew(emitter, place, allowed);
             errors[place] = std::mem::take(&mut cost.squared_error);
             refined.add(cost);
             true

@@ -5,7 +5,7 @@
 //! lacks. And fractions of one point may all be off to one side. They are moved together, in proportion to their
 //! standard errors σ: F + λσ for all pairs of the row, with one λ of at most three. Exact measurements stay.
 
-use super::{Pair, Refined, Refiner};
+use super::{Allowance, Pair, Refined, Refiner};
 use crate::accuracy::error_model::{PriorCell, class_of, nearness_of};
 use crate::accuracy::row::{Emitter, Entry, UnfinishedRow};
 use crate::bvh::Tree;
@@ -136,9 +136,11 @@ impl Refiner<'_> {
                 if refined.steps >= most_steps || self.is_cancelled() {
                     break 'rounds;
                 }
-                let mut cost = Refined::default();
-                self.measure_anew(emitter, place, 0.0, &mut cost);
-                refined.add(cost);
+                let allowed = Allowance {
+                    multiplier: 0.0,
+                    steps: most_steps - refined.steps,
+                };
+                refined.add(self.measure_anew(emitter, place, allowed));
                 looked_at += 1;
                 let pair = self.pairs[place];
                 if pair.fraction > 0.0 {
