@@ -13,7 +13,7 @@ use std::path::Path;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-/// What a person would call at once, on a machine that others use too.
+/// The time that a person calls *at once*, on a machine that others use too.
 const AT_ONCE: Duration = Duration::from_secs(20);
 
 const COMPUTE: &str = "compute room.obj --resolution 32 --correction pixel -q";
@@ -100,7 +100,7 @@ fn code_of_a_folder_is_not_run() {
 fn a_plugin_that_is_cut_short_is_refused_before_it_is_opened() {
     let place = room();
     let program = std::fs::read(hemicube_tests::scenes::program()).expect("the program");
-    // What was cut is mapped by the loader, which then dies of it.
+    // The loader maps the cut file, and dies of it.
     for length in [100, 100_000, program.len() / 2, program.len() - 1] {
         for name in ["vulkan", "mine"] {
             write(&place, &format!("b/libhemicube_backend_{name}.so"), &program[..length]);
@@ -525,7 +525,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
     ] {
         let ran = at_once(&place, &format!("{COMPUTE} {cut} --memory 300M -o n"));
         let ran = ran.is(2).says(&[over, finest]);
-        // What is named does fit.
+        // The setting that the error names does fit.
         let hint = ran
             .err
             .lines()

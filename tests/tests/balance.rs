@@ -232,7 +232,7 @@ fn a_closed_room_becomes_closed_and_reciprocal() {
     let place = tempfile::tempdir().expect("a temporary directory");
     let store = subject.compute(area(), 64, &place.path().join("raw"));
     let before = check(&store, &CheckOptions::default()).expect("a readable store");
-    // What is repaired must have been broken.
+    // Only a broken matrix can be repaired.
     assert!(before.closure.max > 1e-3, "{:?}", before.closure);
     assert!(before.reciprocity.residual > 1e-3, "{:?}", before.reciprocity);
     let (store, report) = balanced(&store, &place.path().join("balanced"), &closure());

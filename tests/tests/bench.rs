@@ -23,7 +23,7 @@ const HEADINGS: [&str; 9] = [
     "Pictures",
 ];
 
-/// What is missing of a report: headings, and those without anything beneath them.
+/// The gaps of a report: missing headings, and headings with nothing beneath them.
 fn missing(report: &str) -> Vec<&'static str> {
     let body = |heading: &str| {
         let (_, rest) = report.split_once(&format!("\n## {heading}\n"))?;
@@ -99,7 +99,7 @@ fn a_study_has_every_table_and_goes_on_where_it_was() {
             number("milliseconds") > 0.0 && number("rows") == 16.0 && number("patches") >= 40.0,
             "{key}"
         );
-        // Of one backend's algorithms, rows are the same bits.
+        // All algorithms of one backend give equal bits.
         assert_eq!(number("from_original"), 0.0, "{key}");
     }
     assert!(rates >= 10, "{rates} ways");

@@ -168,7 +168,7 @@ fn pages() -> Vec<Page> {
         .collect()
 }
 
-/// Where documentation tests of Rust and of Python name their pages.
+/// The files in which documentation tests of Rust and of Python name their pages.
 fn tested_elsewhere() -> [String; 2] {
     ["tests/src/lib.rs", "crates/python/tests/test_types_and_documents.py"].map(|name| Page::read(name).text)
 }
@@ -278,7 +278,7 @@ fn every_block_is_run_or_said_not_to_be() {
     assert!(faults.is_empty(), "{faults:#?}");
 }
 
-/// What mdbook makes of a folder of pages.
+/// Makes web pages of a folder by mdbook.
 fn made_of(docs: &Path, book: &Path) -> Option<Output> {
     let Some(mdbook) = std::env::var_os("HEMICUBE_MDBOOK").filter(|path| !path.is_empty()) else {
         skip("book", "no mdbook in `HEMICUBE_MDBOOK`", "HEMICUBE_REQUIRE_MDBOOK");
@@ -515,7 +515,7 @@ fn must_fail_another_picture() {
     let (light, row) = (of("tour/light.png"), of("tour/row.png"));
     assert!(same_picture(&light, &light).is_ok());
     assert!(same_picture(&light, &row).is_err() && same_picture(&light, &of("nowhere.png")).is_err());
-    // Of the same size, and not the same.
+    // Another picture of equal size.
     let (ids, occlusion) = (of("hemicube-ids.png"), of("hemicube-occlusion.png"));
     assert!(same_picture(&ids, &occlusion).is_err());
 }

@@ -16,7 +16,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// What a run came to.
+/// The outcome of a run.
 struct Ran {
     code: Option<i32>,
     out: String,
@@ -428,7 +428,7 @@ fn stores_do_not_depend_on_threads_batches_culling_or_the_octree() {
         place.line(&format!("{compute} {settings} --overwrite -o other")).is(0);
         assert_same_store(&place.path("reference"), &place.path("other"), settings);
     }
-    // What a row does depend on shows.
+    // A setting that rows depend on shows.
     place
         .line(&format!("{compute} --rotation off --overwrite -o other"))
         .is(0);
@@ -452,7 +452,7 @@ fn the_area_correction_brings_rows_nearer_to_reciprocity() {
     };
     let (pixel, area) = (residual("pixel"), residual("area"));
     assert!(area < 0.5 * pixel, "{area} {pixel}");
-    // What nobody promised is reported, and a bound that is asked for is kept.
+    // An error that nobody bounded is reported, and a bound that is asked for is kept.
     place.line("check area --closure 1e-9").is(1);
 }
 
@@ -588,7 +588,7 @@ fn settings_come_in_layers() {
     assert_eq!(settings["resolution = 96"], "other.toml:1");
     assert_eq!(settings["samples = 1"], "built-in");
 
-    // What is printed is itself a file of settings.
+    // The output is itself a file of settings.
     let text = place.line("compute --print-config --emitters x*").is(0).out;
     place.write("printed.toml", &text);
     assert_eq!(
@@ -645,7 +645,7 @@ fn settings_that_do_nothing_are_refused() {
     place
         .line("compute room.obj -o m")
         .fails_with(&["hemicube.toml:1", "hemicube.toml:2", "exclude each other"]);
-    // What changes nothing is no contradiction, and the stronger layer holds.
+    // A setting that changes nothing is no contradiction, and the stronger layer holds.
     place.write("hemicube.toml", "resolution = 512\n");
     let ran = place.line("compute room.obj -o m --tolerance 5% --print-config").is(0);
     assert!(ran.out.contains("resolution = \"auto\""), "{}", ran.out);

@@ -17,7 +17,7 @@ fn city() -> Place {
     place
 }
 
-/// Whether all of these programs are there, or a skip.
+/// Tells if all of these programs are there, and says a skip otherwise.
 fn has(test: &str, programs: &[&str]) -> bool {
     let is_there = |name: &&&str| {
         let found = Command::new("sh")

@@ -1,5 +1,5 @@
-//! What is kept of a matrix, as a user meets it: the compact form, small form factors left out, and `balance` with its
-//! exit codes.
+//! The stored part of a matrix, as a user meets it: the compact form, small form factors left out, and `balance` with
+//! its exit codes.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
@@ -130,7 +130,7 @@ fn sums_of_pixels_keep_their_bounds_in_the_compact_form() {
     let found = checked["closure"]["max"].as_f64().expect("a number");
     let bound = checked["closure"]["bound"].as_f64().expect("a bound");
     assert!(found > 1e-6 && found < bound && bound < 5e-4, "{found} of {bound}");
-    // What rounding does is not within what f32 does.
+    // The compact form rounds more than f32 does.
     run(&place, "check pixel --closure 1e-6", 1);
 }
 

@@ -208,7 +208,7 @@ fn a_cancelled_run_keeps_whole_parts() {
     }
 }
 
-/// What a [`Faulty`] backend does wrong, at the hemicube of one patch.
+/// The fault of a [`Faulty`] backend, at the hemicube of one patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     LosesLight,

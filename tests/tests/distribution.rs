@@ -83,7 +83,7 @@ fn the_tree_works_from_wherever_it_is_put() {
     ] {
         assert!(there.iter().any(|file| file == wanted), "no `{wanted}` in {there:?}");
     }
-    // What was unpacked elsewhere, once what it was made from is gone.
+    // The tree unpacked elsewhere works once its source is gone.
     let elsewhere = place.path().join("some where/else");
     std::fs::create_dir_all(&elsewhere).expect("a folder");
     let unpacked = Command::new("tar")
@@ -123,7 +123,7 @@ fn the_same_files_make_the_same_archive() {
     let place = TempDir::new().expect("a folder");
     let [first, second] = ["a", "b"].map(|name| laid_out(&place.path().join(name)).1);
     assert!(first != second && std::fs::read(first).expect("there") == std::fs::read(second).expect("there"));
-    // What is there and is no tree of ours is left alone.
+    // A folder that is there and is no tree of ours is left alone.
     let other = place
         .path()
         .join("c")
@@ -174,7 +174,7 @@ fn man_pages_are_clean_and_hold_the_examples() {
     ] {
         assert!(compute.contains(part), "{part}: {compute}");
     }
-    // What `-h` leaves out is in the manual all the same.
+    // Options that `-h` leaves out are in the manual all the same.
     assert!(compute.contains("Look for backends in DIR first"));
     assert!(read("hemicube.1").contains("hemicube\\-compute(1)"));
     assert!(read("hemicube-backends-check.1").contains("time\\-limit"));

@@ -72,7 +72,7 @@ fn a_double_store_goes_through_every_command() {
     let store = Store::open(&place.path("double")).expect("a store");
     assert_eq!((store.manifest().form, store.manifest().version), (Form::Double, 4));
     let wide = doubles(&store);
-    // The same entries, and more of each than f32 holds.
+    // Equal entries, with more digits of each than f32 holds.
     let plain = Store::open(&place.path("plain")).expect("a store");
     let narrow: Vec<f64> = plain
         .rows()

@@ -38,7 +38,7 @@ fn signal(child: &Child, name: &str) {
     assert!(sent.expect("kill runs").success());
 }
 
-/// What a run was doing when it said its last line.
+/// The phase of a run when it said its last line.
 fn stage_of(line: &str) -> String {
     let after = |key: &str| {
         let rest = line.split_once(key)?.1;
@@ -243,7 +243,7 @@ fn another_scene_and_other_settings_are_refused_by_name() {
         place.line(&format!("{line} -o m")).is(2).says(&words);
         assert!(files(&place.path("m")) == before, "{line}");
     }
-    // What changes no bit may change, and so may the name of the file.
+    // Settings that change no bit may change, and so may the name of the file.
     place
         .line(&format!("{COMPUTE} -o m --threads 1 --batch 3 --culling off"))
         .is(0);
@@ -282,7 +282,7 @@ fn two_writers_are_kept_apart() {
     // A lock ends with who held it.
     let written = || {
         let parts = std::fs::read_dir(place.path("m/parts")).expect("a directory");
-        // Of those that are being written, some may be gone before they are read.
+        // A part that is being written may be gone before it is read.
         let names = parts.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
         names.filter(|name| !name.contains("tmp")).count()
     };

@@ -519,7 +519,7 @@ fn real_scenes_that_were_cut_show_what_their_patches_show() {
             .collect();
         assert!(apart.len() <= most, "{file}, {choice:?}: rows {apart:?}");
         for row in apart {
-            // What rounding has no patch show is given to the one that the eye lies on.
+            // A span that rounding gives to no patch goes to the one that the eye lies on.
             let eye = hemicubes(&model, &spread(&model, 600))[row].origin;
             let (whole, parted) = (whole.row(row), parted.row(row));
             let others: Vec<u32> = whole

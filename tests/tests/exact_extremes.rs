@@ -115,7 +115,7 @@ fn coincident_walls() {
     let mut tally = Tally::default();
     hold_sums(&mut tally, "room", &found, ASKED, |_| true);
     let (model, factors) = &found;
-    // Of two the first is seen.
+    // The first of two in one place is seen.
     for from in model.patches().iter() {
         let of_twins = factors.sum_to(from, |to| to.0 % 2 == 1);
         tally.hold(|| format!("{from:?} sees a twin"), of_twins, 0.0, bound(0.0, ASKED));

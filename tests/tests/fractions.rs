@@ -39,7 +39,7 @@ fn for_fractions(backend: &mut CpuBackend, model: &Model, rows: &[InputPatch], s
     found
 }
 
-/// What is listed of a row: visible and covered weights.
+/// The listed weights of a row: visible and covered.
 fn listed(row: RowView<'_>) -> BTreeMap<u32, (u32, u32)> {
     let weights = row.visible.iter().copied().zip(row.covered.iter().copied());
     row.patches.iter().copied().zip(weights).collect()

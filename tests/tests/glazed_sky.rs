@@ -41,7 +41,7 @@ fn street() -> Vec<Quad<'static>> {
     quads
 }
 
-/// What a ray from the sensor brings of the sky: through the façade, off it, or past it.
+/// The part of the sky's light along a ray from the sensor: through the façade, off it, or past it.
 fn brought(from: DVec3, towards: DVec3, glass: &Law, radiance: &impl Fn(DVec3) -> f64) -> f64 {
     let meets_ground = |from: DVec3, towards: DVec3| {
         let at = from + towards * (-from.z / towards.z);

@@ -18,7 +18,7 @@ use std::path::Path;
 
 const NAMES: [&str; 3] = ["gl", "vulkan", "wgpu"];
 
-/// Whether the plugin has a device to run on. Else says that it is skipped, or fails where it is required.
+/// Tells if the plugin has a device to run on; otherwise says a skip, or fails where the device is required.
 fn has_device(name: &str) -> bool {
     let opened = try_session(&rust(name), &[]);
     let opened = opened.map(|session| Box::new(session) as Box<dyn HemicubeBackend>);

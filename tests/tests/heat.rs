@@ -262,7 +262,7 @@ fn a_printed_file_is_what_holds() {
     place.write("again.toml", &printed);
     let solved = |file: &str| surfaces(&place, &format!("solve room --thermal --by object --materials {file}")).0;
     assert_eq!(solved("m.toml"), solved("again.toml"));
-    // Of nothing at all there is a file, too.
+    // A solution without a surface has a file, too.
     assert!(
         place
             .line("solve room --print-materials")
@@ -451,7 +451,7 @@ fn exchange_is_conserved_and_reproduces_the_solution() {
             "{report}"
         );
     }
-    // The same bytes again, by other threads.
+    // Other threads write equal bytes.
     place
         .line("exchange room --materials m.toml -o y.npz --threads 1 --quiet")
         .is(0);

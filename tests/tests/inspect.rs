@@ -17,7 +17,7 @@ use hemicube_tests::scenes::{generated, model, program, read, say, scenes_dir, s
 use serde_json::Value;
 use std::path::Path;
 
-/// What `hemicube inspect` writes to standard output.
+/// Standard output of `hemicube inspect`.
 fn inspect(scene: &Path, arguments: &[&str]) -> String {
     let output = assert_cmd::Command::new(program())
         .arg("inspect")
@@ -101,7 +101,7 @@ fn a_finding_has_its_count_its_place_and_the_next_thing_to_try() {
     assert_eq!(finding["objects"][0][0]["object"], "thing");
     assert_eq!(finding["unit"], "length");
 
-    // The same bytes, whatever the threads.
+    // Equal bytes, whatever the threads.
     let arguments = |threads| json(&scene, &["--threads", threads])["diagnosis"].to_string();
     assert_eq!(arguments("1"), arguments("3"));
 }

@@ -42,7 +42,7 @@ impl Terminal {
     fn start(mut command: Command, (rows, columns): (u16, u16)) -> Self {
         let (pty, other_end) = pty_process::blocking::open().expect("a pseudo-terminal");
         pty.resize(pty_process::Size::new(rows, columns)).expect("a size");
-        // What the tests run on is another terminal.
+        // The terminal of the tests is another one.
         let said: Vec<_> = command.get_envs().map(|(name, _)| name.to_owned()).collect();
         if !said.iter().any(|name| name == "NO_COLOR") {
             command.env_remove("NO_COLOR");
@@ -262,7 +262,7 @@ fn the_dialogue_of_the_thesis() {
         scene = "cornell-measured-closed.ac";
     }
     let stem = scene.rsplit_once('.').expect("an extension").0;
-    // The same file cut otherwise is another scene.
+    // One file cut otherwise is another scene.
     place
         .line(&format!("compute {scene} -o other.hemicube --split 2"))
         .is(0);
@@ -288,7 +288,7 @@ fn the_dialogue_of_the_thesis() {
         "{}",
         terminal.screen()
     );
-    // What is highlighted is what Enter takes.
+    // Enter takes the highlighted item.
     terminal.answer(ENTER);
     terminal.asked(&format!("What next with {stem}.hemicube:"));
     assert!(place.path(format!("{stem}.hemicube/manifest.json")).exists());
@@ -376,7 +376,7 @@ fn arrow_keys_move_and_words_filter() {
     terminal.waits("one item", |screen| {
         open_question(screen).is_some_and(|(_, rows)| rows[0].starts_with("> 2 - high_x16.ac") && rows.len() == 2)
     });
-    // What fits nothing cannot be chosen.
+    // A name that matches nothing cannot be chosen.
     terminal.type_in(&format!("?{ENTER}"));
     terminal.waits("no item", |screen| {
         open_question(screen).is_some_and(|(_, rows)| rows.len() == 1)

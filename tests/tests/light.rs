@@ -219,7 +219,7 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     place.line("compute cube.obj --subdivide 1 --rows 0..5 -o G --no-config");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
     place.fails("solve G --materials lit.toml", &["rows of 5 patches only"]);
-    // What does not converge is kept, says so, and ends with 1.
+    // A solution that does not converge is kept, says so, and ends with 1.
     let (code, _, err) = place.ran("solve F --materials lit.toml --method jacobi --max-iterations 2");
     assert_eq!(code, Some(1));
     assert!(err.contains("the residual did not reach"), "{err}");
@@ -382,6 +382,37 @@ fn shares_of_open_scenes_are_refined_and_two_plates_stay_what_they_are() {
     }
 }
 
+/// A unit square below the back of another, h = ½ apart: no form factor tells the sky from the back. The back takes what
+/// the front would: F = 0.415253 (Howell C-11).
+#[test]
+fn the_sky_is_told_from_backs_though_every_form_factor_is_zero() {
+    let place = Place::new();
+    let square = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [1.0, 1.0, z], [0.0, 1.0, z]];
+    std::fs::write(place.path("back.obj"), obj(&[square(0.0), square(0.5)])).expect("written");
+    for (settings, bound) in [
+        ("", 0.02),
+        ("--tolerance 1%", 0.01),
+        ("--tolerance 0.1%", 1e-3),
+        ("--tolerance 1e-6", 1e-3),
+    ] {
+        place.line(&format!(
+            "compute back.obj -o m --patches face {settings} --quiet --overwrite"
+        ));
+        let rows = Store::open(&place.path("m"))
+            .expect("a store")
+            .row_table()
+            .expect("rows")
+            .clone();
+        let [blocked, escaped] = [rows.blocked[0], rows.escaped[0]];
+        assert!((blocked - 0.415_253).abs() < bound, "{settings}: {blocked}");
+        assert!(
+            (blocked + escaped - 1.0).abs() < 1e-9,
+            "{settings}: {blocked}, {escaped}"
+        );
+        assert!(rows.escaped[1] == 1.0 && rows.blocked[1] == 0.0, "{settings}");
+    }
+}
+
 /// Two large plates close together: q = σ(T₁⁴ − T₂⁴) / (1/ε₁ + 1/ε₂ − 1).
 #[test]
 fn two_plates_exchange_what_the_textbook_says() {
@@ -442,7 +473,7 @@ fn an_enclosure_of_three_surfaces_exchanges_what_the_textbook_says() {
     assert!((flux[1] / expected + 1.0).abs() < 1e-3, "{} {expected}", flux[1]);
     for wall in [2, 3] {
         assert!(flux[wall].abs() < 1e-3 * expected, "{}", flux[wall]);
-        // What keeps nothing takes a temperature between those of the others.
+        // A surface without heat of its own takes a temperature between those of the others.
         assert!((500.0..1200.0).contains(&temperature[wall]), "{}", temperature[wall]);
     }
 }
@@ -607,7 +638,7 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
     }
 }
 
-/// Where the matrix lost nothing, its sky is not rendered: the bytes are those of rendering it.
+/// A matrix that lost nothing renders no sky: the bytes are those of rendering it.
 #[test]
 fn nothing_escapes_from_a_closed_cube() {
     let place = Place::new();
@@ -670,7 +701,7 @@ fn sky_and_ground_are_what_escaped() {
     assert_eq!(report["columns"].as_u64(), Some(578));
     assert_eq!(report["rows_as_in_matrix"], report["patches"]);
     assert!(report["ground"].as_f64().expect("a share") > 0.0);
-    // The same bytes, whatever the threads.
+    // Equal bytes, whatever the threads.
     place.write("points.txt", "0 30 0 0 1 0\n5 2 5 1 0 0\n");
     let run = |threads: u32| {
         let out = format!("sky-{threads}");
@@ -810,7 +841,7 @@ fn the_sky_is_columns_of_the_export() {
     }
 }
 
-/// What a free, level plane sees of each patch of the sky is ∫ cos θ dΩ / π over it, and in all 1.
+/// A free, level plane sees ∫ cos θ dΩ / π of each patch of the sky, and in all 1.
 #[test]
 fn a_free_plane_sees_the_whole_sky() {
     let place = Place::new();

@@ -89,7 +89,7 @@ const SOLID: &[u8] =
     b"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0. 0. 0.\nvertex 1. 0. 0.\nvertex 0. 1. 0.\nendloop\n\
 endfacet\nendsolid s\n";
 
-/// What numbers and words are replaced by.
+/// The replacements for numbers and words.
 const WORDS: [&str; 22] = [
     "0",
     "-1",
@@ -164,7 +164,7 @@ fn run(count: usize, seed: u64) -> usize {
             optics,
             ..ReadOptions::default()
         };
-        // What panics names itself by this.
+        // A panic prints the mutant's name.
         let of = || format!("mutant {mutant} of seed {seed}, of {}", path.display());
         let result = std::panic::catch_unwind(|| read(&mutated, None, options));
         let result = result.unwrap_or_else(|_| panic!("{} panicked", of()));

@@ -1,4 +1,4 @@
-//! What stands on rows through mirrors and panes: heat, balance, exchange factors, references by rays, Fresnel's
+//! Uses of rows through mirrors and panes: heat, balance, exchange factors, references by rays, Fresnel's
 //! weights, bands, and the mirrors and panes of scene files.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
@@ -245,7 +245,7 @@ fn a_pane_of_glass_follows_fresnel() {
         assert_eq!(place.line("check room --json").is(0).json()["ok"], true);
         near(of(&zones(&place, "room"), "bottom", "top"), exact, most);
     }
-    // The same by a table of angles.
+    // A table of angles gives equal rows.
     let rows: Vec<String> = (0..=90)
         .map(|degrees| {
             let at = pane.at(f64::from(degrees).to_radians().cos());

@@ -322,7 +322,7 @@ fn rows_of_patches_are_chosen_by_patch() {
     compute("-o some --patches object -q --rows 1..3").is(0);
     assert_eq!(of("some")["ceiling"], of("all")["ceiling"]);
     assert_eq!(of("some")["floor"]["west"], 0.0, "no row, no factors");
-    // What has no column is unselected, by whole objects.
+    // Objects without a column are unselected as wholes.
     compute("-o few --patches object -q --receivers b*").is(0);
     let (few, all) = (of("few"), of("all"));
     let floor = &few["floor"];
@@ -604,7 +604,7 @@ fn verification_draws_from_large_patches_and_says_how_sure_it_is() {
         number(&measured["reference_noise"]) > 0.0,
         "what the draw leaves open is told"
     );
-    // What is wrong is found: sums of coarse pixels.
+    // A wrong aggregate is found: sums of coarse pixels.
     let coarse = place
         .line("compute quads.obj -o G --patches object --correction pixel --resolution 16 --verify 3 --json")
         .is(0)

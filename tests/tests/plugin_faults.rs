@@ -1,7 +1,7 @@
 //! Every way in which a plugin can be wrong, a test each, as `docs/plugins.md` lists them: what the host says, that it
 //! lives on, and that a store keeps nothing wrong.
 //!
-//! What ends the process that a plugin is loaded into is tried in processes of the program's own.
+//! Tries faults that end the process which loads a plugin, in processes of the program's own.
 
 use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::row::RowBlock;

@@ -216,7 +216,7 @@ fn the_table_changes_no_bit() {
             direct.items(&all[3]).expect("items"),
             wrapped.items(&all[3]).expect("items")
         );
-        // What the loaded scene decides comes through: the arithmetic's version, and why.
+        // Decisions of the loaded scene come through: the arithmetic's version, and why.
         let (direct, name) = (direct.info().clone(), "wrapped-cpu".to_owned());
         assert_eq!(&BackendInfo { name, ..direct }, wrapped.info());
         assert!(wrapped.choices()[0].starts_with("engine "), "{:?}", wrapped.choices());
@@ -362,7 +362,7 @@ fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_ba
         "{over_plugin}, built in {built_in}"
     );
 
-    // What is another backend's, and what is no option.
+    // An option of another backend, and one of none.
     for (how, words) in [
         (
             "--correction pixel --engine depth",
@@ -502,7 +502,7 @@ fn backends_check_tells_held_from_not_claimed_from_broken() {
         let found = cases.iter().find(|found| found["case"] == case).expect("the case");
         found["outcome"].as_str().expect("an outcome").to_owned()
     };
-    // What the smallest backend claims holds.
+    // The smallest backend keeps its claims.
     for (case, wanted) in [
         ("empty-room/reduction", "held"),
         ("empty-room/culling", "held"),

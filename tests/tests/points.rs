@@ -600,7 +600,7 @@ fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
         let mrt = number(&found[0]["mean_radiant_temperature"]);
         assert!((mrt - expected).abs() < 0.01, "{kind}: {mrt} {expected}");
     }
-    // What the sky is like has to be said where it is seen.
+    // A command that sees the sky asks which sky.
     says(
         &place,
         "tub.obj --points seat.txt --up z --temperatures t.csv",
@@ -720,7 +720,7 @@ fn one_point_of_a_city_of_20_000_patches_takes_a_tenth_of_a_second_after_loading
         say(&format!("{body:?}, {tolerance:?}: {each:.3} s; loading {loading:.2} s"));
         assert!(each <= 0.1 || tolerance.is_some(), "{body:?}: {each} s");
     }
-    // The same by the program: at most 1 MB, with a column for each patch.
+    // The program writes at most 1 MB, with a column for each patch.
     place.write("point.txt", format!("{} {} {}\n", position.x, position.y, position.z));
     place
         .line("points city.obj --up z --points point.txt --as sphere -o one.npz -o one.csv -q")

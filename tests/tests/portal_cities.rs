@@ -161,7 +161,7 @@ fn a_periodic_cell_is_the_middle_of_its_tiling() {
     let portals = format!("--periodic x={x0}..{x1},y={y0}..{y1} --repeats 3");
     let (apart, escaped, cut_off) = both.apart(&portals, "--tolerance 1%");
     assert!(apart < 0.01, "{apart}");
-    // What leaves the tiling at its sides is the sky of the whole, and cut off of the cell.
+    // A ray out of the tiling's sides counts as sky there, and as cut off in the cell.
     assert!(
         (escaped[0] + cut_off - escaped[1]).abs() < 0.002,
         "{escaped:?} {cut_off}"

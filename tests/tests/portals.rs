@@ -322,7 +322,7 @@ fn pixels_are_conserved_and_threads_and_shards_change_no_byte() {
             .line(&format!("{line} -o two --threads 2 --batch 3 --overwrite"))
             .is(0);
         assert_same(&place.0.path("one"), &place.0.path("two"));
-        // What `check` adds up: the weights of every row, in whole numbers.
+        // `check` adds up the weights of every row, in whole numbers.
         let report = place.0.line("check one --json").is(0).json();
         assert_eq!(report["ok"], true, "{report}");
         let sums = &report["sums"];

@@ -151,7 +151,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("a temporary path is text")
 }
 
-/// Of a store of all rows.
+/// Of a store with all rows.
 fn header(model: &Model, rows_per_part: u32, form: Form) -> Header {
     let patch_count = model.geometry().patch_count;
     let scene = cornell_box();

@@ -96,7 +96,7 @@ fn area_of([a, b, c]: [DVec3; 3]) -> f64 {
     0.5 * (b - a).cross(c - a).length()
 }
 
-/// What the table says of a scene.
+/// A scene's line in the table.
 struct Line {
     patches: usize,
     visible_per_row: f64,

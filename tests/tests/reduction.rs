@@ -11,7 +11,7 @@ use hemicube_scene::{InputPatch, Subdivision};
 use hemicube_tests::rows::{hemicubes, render_with, rolled, settings, spread};
 use hemicube_tests::scenes::{generated, model, read, scenes_or_skip};
 
-/// Whether a row is what its item buffer reduces to. Tiny patches have no pixel, so they are left out.
+/// Compares a row with its reduced item buffer. Tiny patches have no pixel, so they are left out.
 fn agrees(row: RowView<'_>, reduced: &(Vec<(InputPatch, u32)>, u32, u32)) -> bool {
     let shown = row.patches.iter().zip(row.visible).zip(row.covered);
     let shown = shown.filter(|&((patch, &visible), &covered)| {

@@ -91,7 +91,7 @@ fn canvas(browser: &Browser) -> [f64; 4] {
 
 /// Opens the page and waits until it is there. Nothing was said on the console, and nothing asked for but the page.
 fn open(browser: &Browser, page: &Path) {
-    // What the browser's own first page asked for.
+    // Requests of the browser's own first page.
     browser.requests();
     browser.open(page);
     browser.wait("document.documentElement.dataset.ready");
@@ -127,7 +127,7 @@ fn sound(browser: &Browser) {
     }
 }
 
-/// Of a row the largest `count` entries, largest first and of equal ones the first first.
+/// The largest `count` entries of a row, largest first; equal ones in their order.
 fn largest(store: &Store, patch: u32, count: usize) -> Vec<(u32, f64)> {
     let row = store.row(InputPatch(patch)).expect("a sound store").expect("a row");
     let mut entries: Vec<(u32, f64)> = row.indices.into_iter().zip(&row.data).collect();
@@ -136,7 +136,7 @@ fn largest(store: &Store, patch: u32, count: usize) -> Vec<(u32, f64)> {
     entries
 }
 
-/// What 11 bits of a form factor leave of it.
+/// A form factor rounded to 11 bits.
 fn near(found: f64, wanted: f64) -> bool {
     (found - wanted).abs() <= wanted * 2f64.powi(-11) * 1.001
 }
@@ -514,7 +514,7 @@ fn a_click_on_any_triangle_of_a_patch_shows_the_row_of_the_patch() {
             let found = entry["factor"].as_f64().expect("a number");
             assert!(near(found, *factor), "{patch}: {entry} {column} {factor}");
         }
-        // What lies in the middle of the picture is of that patch.
+        // The middle of the picture shows that patch.
         browser.script(
             "window.seen = null; const view = document.getElementById('view'); \
              hemicube.pick(view.clientWidth / 2, view.clientHeight / 2).then((at) => { window.seen = [at] })",

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 struct Zones {
     areas: BTreeMap<String, f64>,
     exchange: BTreeMap<(String, String), f64>,
-    /// What escapes and is blocked.
+    /// The escaped and the blocked share.
     lost: BTreeMap<String, f64>,
 }
 

@@ -416,7 +416,7 @@ fn interchange(factors: &Dense, emittance: f64) -> Dense {
         }
         arrives.into_iter().map(|h: f64| emittance * h).collect::<Vec<f64>>()
     };
-    // What j absorbs of i's is A_i 𝓕_ij: here it is taken at j, 𝓕_ji.
+    // Of i's emission j absorbs A_i 𝓕_ij: here it is taken at j, 𝓕_ji.
     transposed(&(0..count).map(of).collect())
 }
 
@@ -586,7 +586,7 @@ fn view3ds_forms_and_control_lines() {
         text(&place, "View3D.log")
     );
 
-    // What View3D refuses ends with its status, 1, and is in the log.
+    // A file that View3D refuses ends with its status, 1, and the reason in the log.
     by_name(&place, "view3d", &["missing.vs3", "out.vf"])
         .is(1)
         .says(&["missing.vs3"]);

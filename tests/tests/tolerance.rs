@@ -341,7 +341,7 @@ fn the_inside_of_a_sphere() {
     let Some(cases) = cases("tolerance::the_inside_of_a_sphere") else {
         return;
     };
-    // What two facets apart from each other exchange, in shares of what they would in the sphere.
+    // The exchange of two facets, over that of the sphere's.
     let share = expected(&cases, "sphere_interior", "F_ij*4*pi*R^2/A_j");
     let facets = sphere(3, 1.0, true, true);
     let model = model_as_it_is(&moved(scene_of(facets.iter().copied()), ROTATED.1), WHOLE);

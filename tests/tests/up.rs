@@ -11,7 +11,7 @@ use serde_json::Value;
 const CUBE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n\
                     f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 3 7 8 4\nf 2 6 7 3\nf 1 4 8 5\n";
 
-/// What `inspect` says: the axis, and whether it is a guess.
+/// The axis by `inspect`, and whether it is a guess.
 fn inspected(place: &Place, scene: &str) -> (String, bool) {
     let report = place.line(&format!("inspect {scene} --json --no-config")).is(0).json();
     let scene = &report["scene"];

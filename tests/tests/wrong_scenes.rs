@@ -179,7 +179,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
     assert!(report["entries"].as_u64().is_some_and(|entries| entries > 0));
     place.line(&format!("compute out.obj {of} --flip all")).is(0);
     place.line("check G").is(0);
-    // What stands in it may face the right way.
+    // Objects in it may face the right way.
     write(&place, "shell.obj", room(&all[..6]).as_bytes());
     let said = sentences(&inspected(&place, "shell.obj"));
     assert!(

@@ -168,7 +168,7 @@ pub(crate) enum Either<const A: usize, const B: usize> {
 /// in the first row tell which.
 ///
 /// # Errors
-/// Those of [`read`].
+/// As [`read`].
 pub(crate) fn read_either<const A: usize, const B: usize>(
     path: &Path,
     first: [&str; A],

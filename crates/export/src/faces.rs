@@ -187,11 +187,9 @@ impl<'a> Faces<'a> {
             return Ok(found);
         }
         let zones = zones(store, by)?;
-        // A zone with a row has factors or shares; one of occluders has nothing.
-        let is_computed = |zone: &Zone| !zone.factors.is_empty() || zone.escaped + zone.blocked + zone.unselected > 0.0;
         let faces = (0..)
             .zip(&zones)
-            .filter(|(_, zone)| is_computed(zone))
+            .filter(|(_, zone)| zone.has_rows())
             .map(|(source, zone)| Face {
                 name: zone.name.clone(),
                 area: zone.area,
@@ -308,7 +306,8 @@ impl<'a> Faces<'a> {
         let (mut least, mut most) = (0, 0);
         for place in 0..self.len() {
             let row = self.row(place)?;
-            let sum: f64 = row.iter().map(|&(_, factor)| factor).sum();
+            // A sum of nothing is −0.
+            let sum = 0.0 + row.iter().map(|&(_, factor)| factor).sum::<f64>();
             if sum < found.sums[0] {
                 (found.sums[0], least) = (sum, place);
             }

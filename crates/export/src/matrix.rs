@@ -96,7 +96,8 @@ pub fn export_zones(
     options: ExportOptions<'_>,
 ) -> Result<ExportReport> {
     let precision = store.manifest().form.precision();
-    let rows: Vec<Row> = zones.iter().map(|zone| row_of_zone(zone, precision)).collect();
+    let row = |zone: &Zone| zone.has_rows().then(|| row_of_zone(zone, precision));
+    let rows: Vec<Option<Row>> = zones.iter().map(row).collect();
     let content = Content {
         zones: Some(&rows),
         ..Content::default()
@@ -155,7 +156,7 @@ struct Content<'a> {
     /// Columns of the sky.
     sky: Option<&'a StoredSky>,
     /// Rows of zones, in place of those of patches.
-    zones: Option<&'a [Row]>,
+    zones: Option<&'a [Option<Row>]>,
 }
 
 /// Writes a store's matrix, with the sky's columns, or the rows of its zones.
@@ -195,7 +196,9 @@ fn write(
         format,
         patch_count: export.row_count(),
         sky_columns: format.takes_sky().then(|| sky.map_or(0, StoredSky::columns)),
-        rows: zones.map_or(store.manifest().rows_present(), |zones| zones.len() as u64),
+        rows: zones.map_or(store.manifest().rows_present(), |zones| {
+            zones.iter().flatten().count() as u64
+        }),
         entries: export.entries()?,
         bytes,
         forecast: export.forecast,
@@ -227,7 +230,7 @@ pub(crate) struct Export<'a> {
     pub(crate) store: &'a Store,
     pub(crate) sky: Option<&'a StoredSky>,
     /// Rows of zones, in place of the store's.
-    zones: Option<&'a [Row]>,
+    zones: Option<&'a [Option<Row>]>,
     pub(crate) path: &'a Path,
     cancel: &'a AtomicBool,
     /// Size of the file in bytes, if it can be told.
@@ -276,7 +279,7 @@ impl Export<'_> {
     /// All entries.
     pub(crate) fn entries(&self) -> Result<u64> {
         if let Some(zones) = self.zones {
-            return Ok(zones.iter().map(|row| row.data.len() as u64).sum());
+            return Ok(zones.iter().flatten().map(|row| row.data.len() as u64).sum());
         }
         let mut entries = self.store.manifest().entries;
         if let Some(sky) = self.sky {
@@ -290,8 +293,8 @@ impl Export<'_> {
 
     /// Number of entries of a row; 0 if uncomputed.
     pub(crate) fn entries_of_row(&self, patch: InputPatch) -> Result<u64> {
-        if let Some(row) = self.zone(patch) {
-            return Ok(row.data.len() as u64);
+        if self.zones.is_some() {
+            return Ok(self.zone(patch).map_or(0, |row| row.data.len() as u64));
         }
         let Some(entries) = self.store.entries_of_row(patch)? else {
             return Ok(0);
@@ -300,7 +303,7 @@ impl Export<'_> {
     }
 
     fn zone(&self, patch: InputPatch) -> Option<&Row> {
-        self.zones?.get(patch.0 as usize)
+        self.zones?.get(patch.0 as usize)?.as_ref()
     }
 
     fn with_sky(&self, patch: InputPatch, mut row: Row) -> Row {
@@ -315,8 +318,8 @@ impl Export<'_> {
 
     /// The row of a patch; `None` if uncomputed.
     pub(crate) fn row(&self, patch: InputPatch) -> Result<Option<Row>> {
-        if let Some(row) = self.zone(patch) {
-            return Ok(Some(row.clone()));
+        if self.zones.is_some() {
+            return Ok(self.zone(patch).cloned());
         }
         Ok(self.store.row(patch)?.map(|row| self.with_sky(patch, row)))
     }
@@ -324,7 +327,10 @@ impl Export<'_> {
     /// All computed rows, until the export is cancelled.
     pub(crate) fn rows(&self) -> Result<impl Iterator<Item = Result<(InputPatch, Row)>>> {
         let rows: Rows<'_> = match self.zones {
-            Some(zones) => Box::new(self.patches().zip(zones).map(|(zone, row)| Ok((zone, row.clone())))),
+            Some(zones) => {
+                let of_zones = self.patches().zip(zones);
+                Box::new(of_zones.filter_map(|(zone, row)| Some(Ok((zone, row.clone()?)))))
+            }
             None => Box::new(self.store.rows()?),
         };
         Ok(rows.map(|found| {

@@ -241,7 +241,7 @@ pub struct SensorRow {
     pub ground: f64,
     /// The share on backs of one-sided patches.
     pub blocked: f64,
-    /// What each mirror and pane seen hands on of what arrives there, ascending; empty without any.
+    /// The share that each mirror and pane in sight reflects or lets through, ascending by patch; empty without any.
     pub passed: Vec<(InputPatch, f64)>,
     /// The share that is followed no further: after the last portal, or beyond the last repeat of a period.
     pub cut_off: f64,
@@ -387,7 +387,7 @@ impl Level {
     }
 }
 
-/// What is round sensors: the horizon, and the portals that they see through.
+/// The surroundings of sensors: the horizon, and the portals that they see through.
 #[derive(Clone, Copy, Debug)]
 pub struct Surroundings<'a> {
     /// The way up and north.
@@ -533,7 +533,7 @@ impl Worker<'_> {
     }
 }
 
-/// What portals add to a row: patches' factors, the parts handed on, and shares.
+/// The addition of portals to a row: patches' factors, the parts reflected or let through, and shares.
 #[derive(Default)]
 struct Through {
     patches: Vec<(InputPatch, f64)>,
@@ -545,7 +545,8 @@ struct Through {
 }
 
 impl Through {
-    /// What a part of a body sees through portals, scaled to what they hand on of what is `seen` directly.
+    /// Scales the view of a body's part through portals to the share that they reflect or let through of `seen`, the
+    /// view without portals.
     fn new(follower: &Follower<'_>, weight: f64, sum: &Sum, seen: &[(InputPatch, f64)]) -> Self {
         let arrivals = &sum.through;
         let mut found = Self::default();

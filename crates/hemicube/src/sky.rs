@@ -252,6 +252,8 @@ pub struct SkyRow {
     pub hemicubes: u32,
     /// Change of the sky view factor by the last refinement; NaN without one.
     pub change: f64,
+    /// Change of the ground's share, or of the backs', by the last refinement, the larger; NaN without one.
+    pub change_below: f64,
     /// The escaped share, where it is known better than from the hemicubes, as beside a matrix: the columns' shares are
     /// then scaled to it.
     pub refined: Option<f64>,
@@ -290,15 +292,35 @@ impl SkyRow {
     /// The sky view factor: the share of the hemisphere, weighted by the cosine, that is sky. Escaped weight below the
     /// horizon is ground.
     pub fn sky_view_factor(&self) -> f64 {
-        let ground = self
-            .columns
-            .first()
-            .filter(|(column, _)| *column == 0)
-            .map_or(0, |(_, weight)| *weight);
         if self.hemicubes == 0 {
             return f64::NAN;
         }
-        self.share(self.escaped - ground) * self.scale()
+        self.share(self.escaped - self.ground()) * self.scale()
+    }
+
+    /// The weight to the ground.
+    fn ground(&self) -> u64 {
+        let first = self.columns.first().filter(|(column, _)| *column == 0);
+        first.map_or(0, |(_, weight)| *weight)
+    }
+
+    /// Shares of sky, ground and backs.
+    fn shares(&self) -> [f64; 3] {
+        let ground = self.share(self.ground()) * self.scale();
+        [self.sky_view_factor(), ground, self.share(self.blocked)]
+    }
+
+    /// Notes by how much the row differs from the one `before` it was refined.
+    fn compare(&mut self, before: [f64; 3]) {
+        let now = self.shares();
+        let [sky, ground, backs] = [0, 1, 2].map(|at| (now[at] - before[at]).abs());
+        (self.change, self.change_below) = (sky, ground.max(backs));
+    }
+
+    /// Returns whether the last refinement changed the sky view factor by at most this share of it, and ground and
+    /// backs by at most this share of the view. Never before a refinement.
+    pub fn is_settled(&self, tolerance: f64) -> bool {
+        self.change <= (tolerance * self.sky_view_factor()).max(NEGLIGIBLE) && self.change_below <= tolerance
     }
 }
 
@@ -327,8 +349,9 @@ pub struct SkyOptions {
     pub render: RenderSettings,
     /// n of the n² hemicubes of a patch, without a tolerance.
     pub samples_per_edge: u32,
-    /// Refine rows until their sky view factor changes by at most this share: patches by four times as many hemicubes,
-    /// up to 64, points by hemicubes of twice the resolution and another turn.
+    /// Refine rows until their sky view factor changes by at most this share, and ground and backs by at most this
+    /// share of the view ([`SkyRow::is_settled`]): patches by four times as many hemicubes, up to 64, points by
+    /// hemicubes of twice the resolution and another turn.
     pub tolerance: Option<f64>,
     /// True if each hemicube is turned about its normal.
     pub rotate: bool,
@@ -343,11 +366,6 @@ fn failed(backend: &dyn HemicubeBackend, source: BackendError) -> ComputeError {
     }
 }
 
-/// Returns whether a refinement changed little enough.
-fn is_settled(before: f64, after: f64, tolerance: f64) -> bool {
-    (after - before).abs() <= (tolerance * after.abs()).max(NEGLIGIBLE)
-}
-
 /// The row of a patch.
 fn patch_row(
     model: &Model,
@@ -358,7 +376,7 @@ fn patch_row(
     table: &DeltaTable,
     bins: &mut Bins<'_>,
 ) -> Result<SkyRow, ComputeError> {
-    let mut render = |n: u32, change: f64| {
+    let mut render = |n: u32| {
         let hemicubes = model.hemicubes(patch, n, options.rotate);
         let mut blocked = 0;
         for hemicube in &hemicubes {
@@ -366,17 +384,17 @@ fn patch_row(
                 .render(backend, table, hemicube)
                 .map_err(|error| failed(backend, error))?;
         }
-        Ok(bins.take(blocked, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX), change))
+        Ok(bins.take(blocked, u32::try_from(hemicubes.len()).unwrap_or(u32::MAX)))
     };
     let Some(tolerance) = options.tolerance else {
-        return render(samples_per_edge, f64::NAN);
+        return render(samples_per_edge);
     };
-    let mut row = render(1, f64::NAN)?;
+    let mut row = render(1)?;
     for level in 1..LEVELS {
-        let before = row.sky_view_factor();
-        row = render(1 << level, f64::NAN)?;
-        row.change = (row.sky_view_factor() - before).abs();
-        if is_settled(before, row.sky_view_factor(), tolerance) || row.hemicubes == 0 {
+        let before = row.shares();
+        row = render(1 << level)?;
+        row.compare(before);
+        if row.is_settled(tolerance) || row.hemicubes == 0 {
             break;
         }
     }
@@ -393,7 +411,7 @@ fn point_row(
     bins: &mut Bins<'_>,
 ) -> Result<PointRow, ComputeError> {
     let mut row = PointRow::default();
-    let mut before = f64::NAN;
+    let mut before = [f64::NAN; 3];
     for (level, (backend, table)) in sessions.iter_mut().enumerate() {
         // Another turn for each level: other pixels then meet the edges.
         let turn = frame::turn(InputPatch(
@@ -414,17 +432,16 @@ fn point_row(
         let blocked = bins.add_items(&items, table, &hemicube.axes, |patch, weight| {
             *seen.entry(InputPatch(patch)).or_insert(0) += u64::from(weight);
         });
-        let sky = bins.take(blocked, 1, f64::NAN);
+        let sky = bins.take(blocked, 1);
         row = PointRow {
             patches: seen.into_iter().collect(),
             sky,
         };
-        let now = row.sky.sky_view_factor();
-        row.sky.change = (now - before).abs();
-        if is_settled(before, now, options.tolerance.unwrap_or(f64::INFINITY)) {
+        row.sky.compare(before);
+        if options.tolerance.is_some_and(|tolerance| row.sky.is_settled(tolerance)) {
             break;
         }
-        before = now;
+        before = row.sky.shares();
     }
     Ok(row)
 }

@@ -65,6 +65,7 @@ mod stationary;
 
 pub use block::Block;
 pub use enclosures::{Enclosures, enclosures};
+pub(crate) use factors::require_all_rows;
 pub use factors::{Factors, InMemory, OutOfCore, multiply};
 pub use files::{ArrayFile, SolutionWriter, StoredSolution};
 pub use heat::{Given, Heat, HeatSolution, Undetermined, solve_heat};

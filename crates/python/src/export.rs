@@ -338,12 +338,15 @@ impl Zones {
         self.column(py, |zone| zone.unselected)
     }
 
-    /// The form factors, from rows to columns: (k, k), in the order of `names`.
+    /// The form factors, from rows to columns: (k, k), in the order of `names`; NaN in a row that was not computed.
     #[getter]
     fn factors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let count = self.zones.len();
         let mut flat = vec![0.0; count * count];
         for (row, zone) in flat.chunks_exact_mut(count.max(1)).zip(&self.zones) {
+            if !zone.has_rows() {
+                row.fill(f64::NAN);
+            }
             for &(to, factor) in &zone.factors {
                 row[to as usize] = factor;
             }

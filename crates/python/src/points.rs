@@ -43,7 +43,7 @@ impl Points {
         PyArray1::from_vec(py, self.rows.iter().map(|row| row.is_settled).collect())
     }
 
-    /// What mirrors and panes hand on of what arrives at them, of each row; 0 without any.
+    /// The share of each row that mirrors and panes reflect or let through; 0 without any.
     #[getter]
     fn passed<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_vec(py, self.rows.iter().map(SensorRow::handed_on).collect())

@@ -37,7 +37,7 @@ impl<'a> Cursor<'a> {
         if self.binary {
             return Error::malformed(format!("at byte {}: {reason}", self.at));
         }
-        // What was read ends before the place, often with its line.
+        // The text read so far ends before the place, often with its line.
         let before = self.bytes.get(..self.at.min(self.bytes.len())).unwrap_or_default();
         let before = before.strip_suffix(b"\n").unwrap_or(before);
         let ends = before.iter().filter(|&&byte| byte == b'\n').count();

@@ -311,7 +311,7 @@ mod tests {
             whole.scene.findings.warnings,
             ["`c.obj`: material `m` has other values than in a file before, and the first ones hold"]
         );
-        // Of many files the first warnings are said, and the others are counted.
+        // Say the first warnings of many files, and count the others.
         for _ in 0..99 {
             whole.push(Path::new("d.obj"), scene(0.25)).unwrap();
         }

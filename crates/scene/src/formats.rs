@@ -222,7 +222,23 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     let scene = read(&bytes, path.parent(), options);
     let scene = scene.map_err(|e| e.in_file(path))?;
     if scene.triangles.is_empty() {
-        return Err(Error::new(ErrorKind::Empty).in_file(path));
+        return Err(nothing_of(&scene).in_file(path));
     }
     Ok(scene)
 }
+
+/// The error of a scene without a triangle: with what its file has instead, where the reader counted that.
+fn nothing_of(scene: &Scene) -> Error {
+    let counts = scene.findings.counts.iter().take(FINDINGS_SHOWN);
+    let found: Vec<String> = counts.map(|(reason, count)| format!("{count} × {reason}")).collect();
+    if found.is_empty() {
+        return Error::new(ErrorKind::Empty);
+    }
+    Error::unsupported(format!(
+        "holds no triangle that is read, and a scene needs one; in the file: {}",
+        found.join("; ")
+    ))
+}
+
+/// Kinds of other things named where a file holds no triangle.
+const FINDINGS_SHOWN: usize = 3;

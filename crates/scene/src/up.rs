@@ -61,7 +61,7 @@ enum Named {
     Upright,
 }
 
-/// What a name says; `None` if it says neither, or both.
+/// Reads the axis from a name; `None` if it names neither, or both.
 fn named(name: &str) -> Option<Named> {
     let name = name.to_lowercase();
     let has = |words: &[&str]| words.iter().any(|word| name.contains(word));
@@ -127,9 +127,9 @@ fn extent(scene: &Scene) -> DVec3 {
 #[derive(Default)]
 struct Sums {
     area: f64,
-    /// Of triangles within 10° of perpendicular to the axis.
+    /// Area of the triangles within 10° of perpendicular to the axis.
     level: [f64; 3],
-    /// Of triangles level or upright.
+    /// Area of the triangles that are level or upright.
     built: [f64; 3],
     /// Σ A n.
     net: DVec3,

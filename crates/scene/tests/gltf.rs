@@ -760,6 +760,22 @@ fn compressed_geometry_is_read_only_with_a_fallback() {
 }
 
 #[test]
+fn copies_that_are_not_read_are_warned_of() {
+    let mut root = file_of(&TRIANGLE);
+    assert!(read_json(&root).expect("a scene").findings.warnings.is_empty());
+    root["nodes"][0]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 0 } } });
+    let findings = read_json(&root).expect("the mesh once").findings;
+    assert_eq!(findings.get("instanced node read once (EXT_mesh_gpu_instancing)"), 1);
+    assert!(
+        findings
+            .warnings
+            .iter()
+            .any(|warning| warning.contains("one node for each copy")),
+        "{findings:?}"
+    );
+}
+
+#[test]
 fn buffers_are_found_beside_the_scene_or_missed_by_name() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("gltf buffers");
     std::fs::create_dir_all(&folder).expect("a folder for buffers");

@@ -41,17 +41,17 @@ pub(crate) struct Block {
     pub(crate) language: String,
     /// The words after it.
     pub(crate) tags: Vec<String>,
-    /// What is in it.
+    /// Its text.
     pub(crate) text: String,
 }
 
 impl Block {
-    /// Whether it has a tag.
+    /// Tells if it has a tag.
     pub(crate) fn is(&self, tag: &str) -> bool {
         self.tags.iter().any(|other| other == tag)
     }
 
-    /// What follows `NAME:`.
+    /// The text after `NAME:`.
     pub(crate) fn value(&self, name: &str) -> Option<&str> {
         self.tags
             .iter()
@@ -128,7 +128,7 @@ impl Page {
     pub(crate) fn links(&self) -> Vec<(usize, String, bool)> {
         let mut links = Vec::new();
         for (number, line, _) in self.lines().filter(|&(.., is_prose)| is_prose) {
-            // What is between backticks is code.
+            // Text between backticks is code.
             let prose: String = line.split('`').step_by(2).collect::<Vec<_>>().join("``");
             for (place, _) in prose.match_indices("](") {
                 let target = prose[place + 2..].split(')').next().unwrap_or_default();
@@ -202,7 +202,7 @@ fn plain(path: &Path) -> PathBuf {
     plain
 }
 
-/// What is wrong with a table of contents: chapters that are not there, and pages that are not in it.
+/// Finds the faults of a table of contents: chapters that are not there, and pages that are not in it.
 pub(crate) fn faults_of_contents(summary: &Page, files: &BTreeSet<String>) -> Vec<String> {
     let chapters = chapters(summary);
     let missing = chapters.iter().filter(|chapter| !files.contains(*chapter));
@@ -268,7 +268,7 @@ fn packages() -> BTreeMap<String, PathBuf> {
     found
 }
 
-/// What a line that runs Cargo says that is not there: packages, examples, benches.
+/// Lists packages, examples and benches that a line which runs Cargo names and the workspace lacks.
 fn faults_of_cargo(line: &str) -> Vec<String> {
     let packages = packages();
     let words: Vec<&str> = line.split_whitespace().collect();
@@ -291,7 +291,7 @@ fn faults_of_cargo(line: &str) -> Vec<String> {
     faults
 }
 
-/// What is wrong with the blocks of a page before any is run: none may be of a kind that nothing runs.
+/// Finds the faults of a page's blocks before any is run: none may be of a kind that nothing runs.
 ///
 /// `not_run` are page, first line and reason of the blocks that are run elsewhere or nowhere; `doctested` and
 /// `packaged` the texts in which Rust's and Python's documentation tests name their pages.

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 /// How much of a page is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Extent {
-    /// What takes seconds.
+    /// Blocks that take seconds.
     Quick,
     /// Everything.
     Full,
@@ -61,7 +61,7 @@ pub(crate) struct Folder {
     python: Option<OsString>,
 }
 
-/// What a block said, standard output and error as they came, and how it ended; `None` when it was ended for lasting.
+/// The output of a block, standard output and error as they came, and its exit status; `None` after the time limit.
 type Said = (String, Option<ExitStatus>);
 
 impl Folder {
@@ -182,7 +182,7 @@ impl Folder {
         self.watch(command, limit)
     }
 
-    /// What a block needs, as variables; `None`, said on the terminal, where it is not there.
+    /// The variables that a block needs; `None`, said on the terminal, where what they name is not there.
     fn need(&self, what: &str) -> Option<Vec<(&'static str, OsString)>> {
         match what {
             "scipy" => self.python.as_ref().map(|_| Vec::new()),
@@ -305,7 +305,7 @@ impl Folder {
     }
 }
 
-/// Whether a line is as it stands in the book, where `…` is anything.
+/// Compares a line with the book's, where `…` stands for anything.
 fn fits(line: &str, wanted: &str) -> bool {
     let mut pieces = wanted.split('…');
     let Some(mut rest) = pieces.next().and_then(|first| line.strip_prefix(first)) else {
@@ -324,7 +324,7 @@ fn fits(line: &str, wanted: &str) -> bool {
     rest.ends_with(last)
 }
 
-/// Whether lines stand in what was said: one directly after the other, but where a line of `…` is between them.
+/// Finds lines in the output: one directly after the other, but where a line of `…` is between them.
 pub(crate) fn says(said: &str, wanted: &str) -> Result<(), String> {
     let said: Vec<&str> = said.lines().map(str::trim_end).collect();
     let wanted: Vec<&str> = wanted.lines().map(str::trim_end).collect();
@@ -357,7 +357,7 @@ fn pixels(path: &Path) -> Result<((u32, u32), Vec<u8>), String> {
     Ok(((info.width, info.height), pixels))
 }
 
-/// Whether two pictures look the same: curves and letters may differ by roundings.
+/// Compares two pictures: curves and letters may differ by roundings.
 pub(crate) fn same_picture(found: &Path, wanted: &Path) -> Result<(), String> {
     let (found_pixels, wanted_pixels) = (pixels(found)?, pixels(wanted)?);
     let what = format!("`{}` is not what the page's commands make", wanted.display());

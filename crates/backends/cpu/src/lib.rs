@@ -500,7 +500,7 @@ mod tests {
             let (found, tested, says) = rows(EngineChoice::Auto, Culling::On);
             assert_eq!(says.contains("everything drawn"), is_open, "{kind}: {says}");
             assert_eq!(tested == 0, is_open, "{kind}");
-            // What was asked for changes no bit, and is done where an engine was named.
+            // The wish changes no bit, and is granted where an engine was named.
             assert_eq!(found, rows(EngineChoice::Auto, Culling::Off).0, "{kind}");
             if is_open {
                 let (by_depth, tested, _) = rows(EngineChoice::Depth, Culling::On);

@@ -63,7 +63,7 @@ pub(crate) fn runs(upload: &Upload) -> Vec<Run> {
         })
         .collect();
     for (&chunk, &surface) in upload.chunk_of_patch.iter().zip(&upload.surface_of_patch) {
-        // Of equal triangles the first is drawn: the smallest number is that of a surface in the chunk.
+        // The first of equal triangles is drawn: the smallest number is that of a surface in the chunk.
         let first = &mut found[chunk as usize].first_item;
         *first = surface.min(*first);
     }

@@ -106,7 +106,7 @@ impl Upload {
         let mut chunk_of_surface = vec![0; surfaces.len()];
         for run in chunks::runs(&geometry.octree, surfaces, most) {
             let mut order: Vec<u32> = run.filter(|&s| drawn[s as usize].is_some()).collect();
-            // Of equal depths the first drawn stays: let it be the smaller id.
+            // The first drawn of equal depths stays: draw the smaller id first.
             order.sort_by_key(|&s| drawn[s as usize].as_ref().map(|d| (d.front.min(d.back), s)));
             if order.is_empty() {
                 continue;

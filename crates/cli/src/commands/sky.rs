@@ -88,7 +88,8 @@ pub(crate) struct Arguments {
     /// these names
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
-    /// Refine each row until its sky view factor changes by no more than this share: 1%, 0.001
+    /// Refine each row until its sky view factor changes by no more than this share, and ground and blocked by no more
+    /// of the view: 1%, 0.001
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
     pub(crate) tolerance: Option<f64>,
     /// Pixels along an edge: a multiple of 16 up to 1024 [default: 256, or the matrix's]
@@ -627,6 +628,7 @@ impl Task<'_> {
             blocked: matrix.blocked[patch],
             hemicubes: matrix.hemicubes[patch],
             change: f64::NAN,
+            change_below: f64::NAN,
             ..SkyRow::default()
         })
     }
@@ -739,7 +741,7 @@ impl Task<'_> {
         let views = self.views(rows);
         let unsettled = self.options.tolerance.map_or(0, |tolerance| {
             let all = rows.iter().chain(points.iter().map(|point| &point.sky));
-            all.filter(|row| row.change > (tolerance * row.sky_view_factor()).max(1e-5))
+            all.filter(|row| row.change >= 0.0 && !row.is_settled(tolerance))
                 .count() as u64
         });
         Record {

@@ -382,7 +382,7 @@ fn compute(bytes: &[u8], path: &Path, study: &Study, rows: &Rows, eps: f64) -> R
             exchange.areas[row as usize] += patches.area(patch);
         }
     }
-    // What a mask covers sees it alone.
+    // A masked surface sees its mask alone.
     for (surface, mask) in study.surfaces.iter().enumerate() {
         let Some((mask, cover)) = mask.mask.zip(rows.of_surface[surface]) else {
             continue;

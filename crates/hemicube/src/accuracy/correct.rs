@@ -668,6 +668,17 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         is_off || factors > 1.0 + ASKED * self.permitted || self.has_ray_shares()
     }
 
+    /// Returns whether at least two of these shares matter. The form factors tell their sum and not how it divides,
+    /// and a hemicube at the centroid of a large patch divides it as the centroid sees it.
+    fn is_split(&self, shares: RowShares) -> bool {
+        shares
+            .to_array()
+            .iter()
+            .filter(|&&share| share > self.permitted)
+            .count()
+            > 1
+    }
+
     /// Difference of form factors of this sum from their known sum; `None` if permitted.
     fn lacking(&mut self, emitter: &Emitter<'_>, factors: f64) -> Option<Lacking> {
         if !self.asks_rays(factors) {
@@ -708,7 +719,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The non-visible shares of a finished row, refined to form factors of this sum and this error.
     fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
-        if !self.asks_rays(factors) {
+        if !self.asks_rays(factors) && !self.is_split(by_hemicubes) {
             return by_hemicubes;
         }
         let emitter = Emitter::new(self.model, self.emitter);

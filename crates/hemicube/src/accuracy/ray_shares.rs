@@ -19,6 +19,10 @@ use glam::DVec3;
 /// Number of rays from a patch, at least and at most. Choices.
 const LEAST: usize = 256;
 const MOST: usize = 1 << 14;
+/// Largest number of rays for a permitted error below [`FINE`]: shares within 5·10⁻⁴. A choice.
+const MOST_FINE: usize = 1 << 16;
+/// Permitted error below which form factors are measured by exact visibility in small scenes. A choice.
+const FINE: f64 = 1e-3;
 /// Blocks of triangles met after which no further rays are cast: thousands of triangles in one place are met by every
 /// ray to it. About half a second of work. A choice.
 const MOST_BLOCKS: u64 = 1 << 22;
@@ -60,8 +64,8 @@ impl RayShares {
 }
 
 /// Measures the non-visible shares of a patch by 256 rays, and by twice as many until no share has a standard error
-/// much above `permitted`, or 16,384 were cast, or they met 2²² blocks of triangles. `receives` tells the patches with
-/// a column. `None` for a patch without area.
+/// much above `permitted`, or 16,384 were cast (65,536 for a permitted error below 10⁻³), or they met 2²² blocks of
+/// triangles. `receives` tells the patches with a column. `None` for a patch without area.
 pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
     let tree = Tree::of(emitter.model.geometry());
     let [a, b, c] = emitter.corners;
@@ -74,6 +78,7 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
     let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
     let (mut escaped, mut blocked, mut unselected) = (0u32, 0u32, 0u32);
     let (mut pending, mut blocks) = (Vec::new(), 0u64);
+    let most = if permitted < FINE { MOST_FINE } else { MOST };
     let mut count = 0;
     loop {
         let wanted = (2 * count).max(LEAST);
@@ -104,7 +109,7 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
             },
             rays: count,
         };
-        if count >= MOST || blocks >= MOST_BLOCKS || found.errors().iter().all(|&error| error <= PART * permitted) {
+        if count >= most || blocks >= MOST_BLOCKS || found.errors().iter().all(|&error| error <= PART * permitted) {
             return Some(found);
         }
     }
@@ -345,7 +350,7 @@ mod tests {
                 .expect("it has area")
                 .rays
         };
-        assert_eq!((rays(1.0), rays(1e-6)), (256, 16_384));
+        assert_eq!((rays(1.0), rays(1e-3), rays(1e-6)), (256, 16_384, 65_536));
         assert!(rays(0.01) > 256 && rays(0.01) <= 1024);
         // Nothing is lost below a plane without end.
         let p = DVec3::new;

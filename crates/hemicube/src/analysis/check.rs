@@ -453,7 +453,7 @@ struct Tally {
     squares: [f64; 2],
     quality: Quality,
     worst: Vec<WorstRow>,
-    /// Where rows look, of triangles without portals.
+    /// The sides that rows look to; for triangles without portals.
     sides: Option<Sides>,
 }
 
@@ -560,7 +560,7 @@ impl Tally {
             }
             before = column;
             // Also NaN.
-            // What comes back to a mirror arrives again.
+            // Energy that returns to a mirror arrives there again.
             let is_of_arrivals = self.has_specular && factor >= 0.0 && factor.is_finite();
             if !((0.0..=1.0).contains(&factor) || is_of_arrivals) {
                 self.fail(Check::Range, format!("F[{patch}, {column}] = {factor}"));
@@ -592,7 +592,7 @@ impl Tally {
         *sum += passage.cut_off;
         *largest = largest.max(passage.cut_off);
         let Some(optics) = &self.handed_on else { return };
-        // What is handed on at least and at most.
+        // The least and the largest share that is reflected or let through.
         let (mut least, mut most) = (0.0, 0.0);
         for (&column, factor) in columns.iter().zip(factors) {
             let column = usize::try_from(column).ok();

@@ -27,7 +27,8 @@
 
 use super::zones::{GroupBy, zones};
 use crate::solve::{
-    Block, Factors, Heat, InMemory, Method, Problem, STEFAN_BOLTZMANN, SolveError, SolveOptions, solve,
+    Block, Factors, Heat, InMemory, Method, Problem, STEFAN_BOLTZMANN, SolveError, SolveOptions, require_all_rows,
+    solve,
 };
 use crate::store::{Form, Part, RowTable, Store};
 
@@ -69,8 +70,10 @@ impl Network {
     /// The surfaces of a stored matrix; its own patches without `by`.
     ///
     /// # Errors
-    /// [`SolveError::Problem`] for more than [`SURFACES_MAX`] surfaces, and errors of reading.
+    /// [`SolveError::Problem`] for more than [`SURFACES_MAX`] surfaces, and errors of reading; a patch without a row is
+    /// one, because what it sends is not known.
     pub fn new(store: &Store, by: Option<GroupBy>) -> Result<Self, SolveError> {
+        require_all_rows(store)?;
         let too_many = |count: usize| {
             Err(SolveError::Problem(format!(
                 "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two would take {} GB; take \
@@ -105,7 +108,6 @@ impl Network {
     }
 
     fn of_patches(store: &Store) -> Result<Self, SolveError> {
-        store.require_complete()?;
         let (table, lost) = (store.patches()?, store.row_table()?);
         let mut rows = vec![Vec::new(); table.len()];
         for row in store.rows()? {

@@ -49,19 +49,27 @@ pub struct Zone {
     pub patches: u32,
     /// Their area, in the file's unit squared.
     pub area: f64,
-    /// Share that leaves the scene.
+    /// Share that leaves the scene; NaN without rows.
     pub escaped: f64,
-    /// Share that ends on backs of one-sided patches.
+    /// Share that ends on backs of one-sided patches; NaN without rows.
     pub blocked: f64,
-    /// Share that ends on patches without a column.
+    /// Share that ends on patches without a column; NaN without rows.
     pub unselected: f64,
     /// Form factors to zones, ascending by zone; absent ones are 0.
     pub factors: Vec<(u32, f64)>,
 }
 
 impl Zone {
-    /// The form factor to a zone.
+    /// Returns whether rows were computed for the zone: without them nothing is known of what it sees.
+    pub fn has_rows(&self) -> bool {
+        !self.escaped.is_nan()
+    }
+
+    /// The form factor to a zone; NaN without rows.
     pub fn factor_to(&self, zone: u32) -> f64 {
+        if !self.has_rows() {
+            return f64::NAN;
+        }
         let place = self.factors.binary_search_by_key(&zone, |&(zone, _)| zone);
         place.map_or(0.0, |place| self.factors[place].1)
     }
@@ -123,11 +131,11 @@ fn require_kind(store: &Store, by: GroupBy) -> Result<()> {
     if kind == wanted || matches!(kind, PatchKind::Triangle | PatchKind::Face) {
         return Ok(());
     }
+    let (kind, by) = (kind.name(), wanted.name());
+    let otherwise = if wanted == PatchKind::Face { "" } else { "by face " };
     let reason = format!(
-        "is a matrix of patches by {}, which cannot be added up by {}; compute it by {}, by face or by triangle",
-        kind.name(),
-        wanted.name(),
-        wanted.name()
+        "is a matrix of patches by {kind}, which cannot be added up by {by}; compute it by {by}, {otherwise}or by \
+         triangle"
     );
     Err(Error::unsupported(store.directory(), reason))
 }
@@ -196,7 +204,9 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
                 ),
             ));
         }
-        if zone.area > 0.0 {
+        if computed == 0 {
+            (zone.escaped, zone.blocked, zone.unselected) = (f64::NAN, f64::NAN, f64::NAN);
+        } else if zone.area > 0.0 {
             zone.factors = sums.into_iter().map(|(to, sum)| (to, sum / zone.area)).collect();
             zone.factors.sort_unstable_by_key(|&(to, _)| to);
             for lost in [&mut zone.escaped, &mut zone.blocked, &mut zone.unselected] {
@@ -213,7 +223,7 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
 #[non_exhaustive]
 pub enum ZoneFormat {
     /// `.csv`: a line for each zone with its name, patches, area, losses, and the factors to all zones under their
-    /// names.
+    /// names; empty where no row was computed.
     Csv,
     /// `.vf`: View3D's `out=0`: a header, areas, a square matrix of six decimals, emissivities. These are taken from
     /// materials called `emissivity 0.9`, as in its own scenes; others count as 0.999, black.
@@ -241,7 +251,8 @@ impl ZoneFormat {
 /// Writes zones to `path`; the file appears whole or not at all. Returns its size.
 ///
 /// # Errors
-/// [`Error::Exists`] when something is there and `overwrite` is not set; [`Error::Io`] or [`Error::NoSpace`].
+/// [`Error::Exists`] when something is there and `overwrite` is not set; [`Error::Unsupported`] for View3D's format and
+/// a zone without rows, which it has no word for; [`Error::Io`] or [`Error::NoSpace`].
 pub fn write_zones(
     zones: &[Zone],
     materials: &[String],
@@ -254,7 +265,18 @@ pub fn write_zones(
     }
     let text = match format {
         ZoneFormat::Csv => csv_of(zones).map_err(|error| Error::write(path, 0, std::io::Error::other(error)))?,
-        ZoneFormat::View3d => view3d_of(zones, materials).into_bytes(),
+        ZoneFormat::View3d => match zones.iter().find(|zone| !zone.has_rows()) {
+            None => view3d_of(zones, materials).into_bytes(),
+            Some(unknown) => {
+                return Err(Error::unsupported(
+                    path,
+                    format!(
+                        "cannot say that zone `{}` has no rows; compute all rows, or end it in `.csv`",
+                        unknown.name
+                    ),
+                ));
+            }
+        },
     };
     write_whole(path, &text, "")?;
     Ok(text.len() as u64)
@@ -300,8 +322,20 @@ fn csv_of(zones: &[Zone]) -> std::result::Result<Vec<u8>, csv::Error> {
     let names = zones.iter().map(|zone| table_text(&zone.name));
     writer.write_record(fixed.into_iter().map(Cow::Borrowed).chain(names).map(Cow::into_owned))?;
     for zone in zones {
-        let numbers = [zone.area, zone.escaped, zone.blocked, zone.unselected].map(|number| number.to_string());
-        let to = (0..).take(zones.len()).map(|to| zone.factor_to(to).to_string());
+        let known = |number: f64| {
+            if zone.has_rows() {
+                number.to_string()
+            } else {
+                String::new()
+            }
+        };
+        let numbers = [
+            zone.area.to_string(),
+            known(zone.escaped),
+            known(zone.blocked),
+            known(zone.unselected),
+        ];
+        let to = (0..).take(zones.len()).map(|to| known(zone.factor_to(to)));
         let start = [table_text(&zone.name).into_owned(), zone.patches.to_string()];
         writer.write_record(start.into_iter().chain(numbers).chain(to))?;
     }

@@ -63,7 +63,7 @@ pub(super) struct OpenRow<'a> {
     /// Σ A_i Σ_j F_ij by patch; 0 between rows.
     exchange: Vec<f64>,
     touched: Vec<u32>,
-    /// Of the elements with hemicubes; those of all elements.
+    /// The area of the elements with hemicubes, and of all elements.
     area: f64,
     whole_area: f64,
     shares: [f64; 3],

@@ -273,7 +273,7 @@ impl Plan {
         columns
     }
 
-    /// What is stored of rows, by [`Self::portal_columns`].
+    /// The rule by which entries are stored; `portals` as by [`Self::portal_columns`].
     pub(crate) fn keeping<'p>(&self, portals: &'p [bool]) -> Keeping<'p> {
         Keeping {
             min_factor: self.min_factor,

@@ -53,7 +53,7 @@ pub struct PointReference<'m> {
 struct Sums {
     /// Weight by what is seen: sky, ground, backs, what is cut off, then patches.
     weights: BTreeMap<u64, f64>,
-    /// What patches hand on.
+    /// The weight that each patch reflects or lets through.
     passed: BTreeMap<u32, f64>,
     /// Σ of the pieces.
     whole: f64,
@@ -67,7 +67,7 @@ const BACK: u64 = 2;
 const CUT_OFF: u64 = 3;
 const PATCHES: u64 = 4;
 
-/// What a ray shows, with the shares of its weight, and what patches hand on of it.
+/// The ends of a ray: each with its share of the ray's weight, and the part reflected or let through there.
 type Shown = Vec<(u64, f64, f64)>;
 
 impl<'m> PointReference<'m> {

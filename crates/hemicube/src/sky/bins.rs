@@ -306,7 +306,7 @@ impl<'a> Bins<'a> {
     }
 
     /// The row of all additions since the last one.
-    pub(super) fn take(&mut self, blocked: u64, hemicubes: u32, change: f64) -> SkyRow {
+    pub(super) fn take(&mut self, blocked: u64, hemicubes: u32) -> SkyRow {
         let columns: Vec<(u32, u64)> = (0u32..)
             .zip(&mut self.weights)
             .filter_map(|(column, weight)| match std::mem::take(weight) {
@@ -319,7 +319,8 @@ impl<'a> Bins<'a> {
             columns,
             blocked,
             hemicubes,
-            change,
+            change: f64::NAN,
+            change_below: f64::NAN,
             refined: None,
         }
     }
@@ -402,7 +403,7 @@ mod tests {
                     let (found, wanted) = (bins.weights.clone(), slowly(&bins, &escaped, &table, &axes));
                     let moved: u64 = found.iter().zip(&wanted).map(|(a, b)| a.abs_diff(*b)).sum();
                     assert_eq!(moved, 0, "{parts} parts, {resolution} pixels, case {case}");
-                    bins.take(0, 1, f64::NAN);
+                    bins.take(0, 1);
                 }
             }
         }

@@ -24,10 +24,11 @@ struct Sums {
     blocked: f64,
     hemicubes: u32,
     change: f64,
+    change_below: f64,
 }
 
-/// The rows of a grouping's patches: means of their elements' `rows`, by area; `change` is the mean of the changes, at
-/// least that of the mean. O(entries).
+/// The rows of a grouping's patches: means of their elements' `rows`, by area; changes are the means of theirs, at
+/// least those of the mean. O(entries).
 ///
 /// ```
 /// use hemicube::backend::WHOLE;
@@ -60,6 +61,7 @@ pub fn sky_of_groups(rows: &[SkyRow], grouping: &Grouping, areas: &[f64]) -> Vec
         own.area += area;
         own.blocked += unit * row.blocked as f64;
         own.change += area * row.change;
+        own.change_below += area * row.change_below;
         own.hemicubes = own.hemicubes.saturating_add(row.hemicubes);
         for &(column, weight) in &row.columns {
             *own.columns.entry(column).or_default() += unit * row.scale() * weight as f64;
@@ -74,6 +76,7 @@ impl Sums {
         if whole == 0 {
             return SkyRow {
                 change: f64::NAN,
+                change_below: f64::NAN,
                 ..SkyRow::default()
             };
         }
@@ -94,6 +97,7 @@ impl Sums {
             blocked: units(self.blocked).min(left),
             hemicubes: self.hemicubes,
             change: self.change / self.area,
+            change_below: self.change_below / self.area,
             refined: None,
         }
     }

@@ -108,7 +108,7 @@ impl Worker<'_> {
                 PathEnd::Patch { .. } | PathEnd::CutOff => {}
             });
         }
-        // Of the parts below a unit, each ray's are kept for the next: their sum is exact.
+        // Carry each ray's fraction of a unit over to the next ray: the sum is exact.
         let mut rest = 0;
         for &(towards, weight) in &self.left {
             rest += weight;
@@ -117,7 +117,7 @@ impl Worker<'_> {
         }
         blocked += behind / FINE;
         let count = u32::try_from(hemicubes.len()).unwrap_or(u32::MAX);
-        Ok(self.bins.take(blocked, count, f64::NAN))
+        Ok(self.bins.take(blocked, count))
     }
 }
 

@@ -88,24 +88,32 @@ struct Cache {
 /// Parts that the system reads ahead.
 const PARTS_AHEAD: usize = 4;
 
+/// Refuses a matrix in which a patch has no row.
+///
+/// # Errors
+/// [`Error::Incomplete`] when parts are missing, [`Error::Unsupported`] for a matrix of some rows.
+pub(crate) fn require_all_rows(store: &Store) -> Result<()> {
+    store.require_complete()?;
+    let (rows, patches) = (store.manifest().rows_present(), store.patch_count());
+    if rows == u64::from(patches) {
+        return Ok(());
+    }
+    Err(Error::unsupported(
+        store.directory(),
+        format!(
+            "has rows of {rows} patches only, of {patches}; what the others send is not known: compute it without \
+             `--rows`, `--sample-rows`, `--emitters` and `--occluders`"
+        ),
+    ))
+}
+
 impl<'s> OutOfCore<'s> {
     /// The matrix of a store, with at most `budget` bytes of it cached in memory.
     ///
     /// # Errors
     /// When parts or rows are missing: every patch must have a row.
     pub fn new(store: &'s Store, budget: u64) -> Result<Self> {
-        store.require_complete()?;
-        if store.manifest().rows_present() != u64::from(store.patch_count()) {
-            return Err(Error::unsupported(
-                store.directory(),
-                format!(
-                    "has rows of {} patches only, of {}; what the others send is not known: compute it without \
-                     `--rows`, `--sample-rows`, `--emitters` and `--occluders`",
-                    store.manifest().rows_present(),
-                    store.patch_count()
-                ),
-            ));
-        }
+        require_all_rows(store)?;
         Ok(Self {
             store,
             budget,

@@ -55,7 +55,7 @@ impl PatchTable {
                     is_flat: true,
                 });
             }
-            // What patches are made by has one name; its number is the first element's.
+            // Elements of one patch share its name, numbered by the first of them.
             let kind = grouping.kind();
             for (own, of_element, of_kind) in [
                 (&mut table.face[patch], triangle.face, PatchKind::Face),

@@ -274,7 +274,7 @@ impl Matrix {
             }
             _ => return Err(Error::malformed(path, "does not begin with `%%MatrixMarket`")),
         };
-        // What f32 prints in few digits is not the same number when it is read as f64.
+        // An f32 printed in few digits is another number when it is read as f64.
         let mut is_f32 = false;
         let sizes = loop {
             match lines.next()? {

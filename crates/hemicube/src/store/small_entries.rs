@@ -100,7 +100,7 @@ pub(crate) struct RowChange {
     scale: f64,
 }
 
-/// What is stored of rows.
+/// The rule by which entries of a row are stored.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Keeping<'a> {
     /// Smaller entries are left out; 0: none.

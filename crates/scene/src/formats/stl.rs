@@ -14,6 +14,7 @@
 //! - the attribute bytes of a binary triangle: skipped
 //! - bytes after the last announced triangle: skipped, counted
 //! - fewer bytes than announced: an error
+//! - text that begins otherwise: an error
 //!
 //! STL names neither units nor an up axis.
 
@@ -60,6 +61,12 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         _ if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) => {
             crate::text::unmarked(bytes)?;
         }
+        _ if is_prose(bytes) => {
+            return Err(Error::malformed(
+                "is text that does not begin with `solid`, as STL in text does; take away what stands before it",
+            )
+            .at(1));
+        }
         Some(count) if bytes.len() > START + RECORD * count => {
             let more = (bytes.len() - START - RECORD * count) as u64;
             scene.findings.count_many("byte after the last triangle", more);
@@ -89,6 +96,13 @@ fn announced(bytes: &[u8]) -> Option<usize> {
 fn is_text(bytes: &[u8]) -> bool {
     let text = crate::text::unmarked(bytes).unwrap_or(bytes).trim_ascii_start();
     text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && !text.contains(&0)
+}
+
+/// Returns whether a file's beginning, the count of triangles within it, is printable: no count of a file that is not
+/// gigabytes long is.
+fn is_prose(bytes: &[u8]) -> bool {
+    let is_text = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
+    bytes.get(..START).is_some_and(|start| start.iter().all(is_text))
 }
 
 fn binary(bytes: &[u8], count: usize, scene: &mut Scene) {

@@ -73,7 +73,7 @@ pub struct Study {
     pub skipped: Vec<(String, u64)>,
 }
 
-/// What a masking surface covers.
+/// The surface that a mask covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mask {
     /// The surface that it covers a part of, from 0.

@@ -127,7 +127,7 @@ impl Values {
     }
 }
 
-/// What a list of cells holds.
+/// The contents of a list of cells.
 #[derive(Debug)]
 enum Kind {
     /// Vertices or lines.

@@ -316,7 +316,7 @@ mod tests {
         assert_eq!(work.range(1), [60.0, 60.0]);
         // One row may keep two threads waiting.
         assert_eq!(work.range(2), [40.0, 50.0]);
-        // What comes before the rows is not divided.
+        // The time before the rows is not divided among threads.
         let started = Work { start: 5.0, ..work };
         assert_eq!((started.range(1), started.range(2)), ([65.0, 65.0], [45.0, 55.0]));
         assert_eq!((started.run(1), started.run(2)), (65.0, 45.0));

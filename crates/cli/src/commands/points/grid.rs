@@ -325,7 +325,7 @@ fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f
         if ground[cell].is_none_or(|(point, _)| at < point) {
             return;
         }
-        // Of surfaces in one place, a front.
+        // Take a front among surfaces in one place.
         let wins = above[cell].is_none_or(|before| {
             at < before.height - near || (at <= before.height + near && before.is_back && !found.is_back)
         });

@@ -28,7 +28,7 @@ pub const WARNED_ROWS: f64 = 0.01;
 pub enum Subject {
     /// Files and structure are those that were written.
     Integrity,
-    /// What leaves a patch adds up.
+    /// All that leaves a patch is accounted for.
     Conservation,
     /// Form factors are near enough to be used.
     Quality,
@@ -66,7 +66,7 @@ pub enum State {
     Failed,
 }
 
-/// What makes the quality doubtful, without a broken bound.
+/// A reason to doubt the quality though no bound is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Doubt {
@@ -85,7 +85,7 @@ pub struct Verdict {
     pub state: State,
     /// The failed checks.
     pub failed: Vec<Check>,
-    /// What else speaks against it.
+    /// Reasons to doubt it besides.
     pub doubts: Vec<Doubt>,
 }
 
@@ -125,7 +125,7 @@ impl Verdicts {
     }
 }
 
-/// What the verdict on quality rests on besides bounds.
+/// The counts from which quality is judged, besides bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
     /// Closure error from which on a row is doubtful: the bound asked for, the run's tolerance, or [`CLOSURE`].

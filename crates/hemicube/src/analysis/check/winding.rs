@@ -22,7 +22,7 @@ const CLOSED: f64 = 0.05;
 /// Volume inside, as a share of the shell's.
 const VOLUME: f64 = 0.5;
 
-/// Where a row looks.
+/// The side of the model that a row looks to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Looks {
     #[default]

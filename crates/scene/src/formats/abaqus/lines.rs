@@ -35,7 +35,7 @@ pub(super) fn read(text: &[u8], base_dir: Option<&Path>, options: ReadOptions) -
     Ok((reader.model, reader.bytes))
 }
 
-/// What the data lines belong to.
+/// The keyword that data lines belong to.
 #[derive(Clone, Copy, PartialEq)]
 enum Card {
     Skipped,
@@ -463,7 +463,7 @@ impl Reader<'_> {
         let mut fields = line.split(|&byte| byte == b',');
         let number = self.whole(fields.next().unwrap_or_default())?;
         let mut point = DVec3::ZERO;
-        // What is left out is 0, all three, too.
+        // Coordinates left out are 0, all three as well.
         for (at, field) in fields.take(3).enumerate() {
             point[at] = self.real(field)?;
         }

@@ -157,7 +157,7 @@ pub(super) struct Section {
     pub(super) material: String,
 }
 
-/// What the files say.
+/// The contents of the files.
 pub(super) struct Model {
     pub(super) parts: Vec<Part>,
     pub(super) part_names: HashMap<String, u32>,

@@ -173,7 +173,7 @@ impl Face {
     }
 }
 
-/// What a file says.
+/// The contents of a file.
 #[derive(Default)]
 pub(super) struct Building {
     pub(super) rules: Option<Rules>,

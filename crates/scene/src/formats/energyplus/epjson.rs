@@ -36,7 +36,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Building, Error> {
 
 struct Reader {
     building: Building,
-    /// What stopped the reading, with its kind.
+    /// The error that stopped the reading, with its kind.
     failure: Option<Error>,
     any: bool,
 }

@@ -58,7 +58,15 @@ pub(super) fn place(document: &Document<'_>, findings: &mut Findings) -> Result<
                 findings.count("skinned mesh read in its rest position");
             }
             if node.has_extension(&[extension::INSTANCING])? {
-                findings.count("instanced node read once (EXT_mesh_gpu_instancing)");
+                let reason = "instanced node read once (EXT_mesh_gpu_instancing)";
+                if findings.get(reason) == 0 {
+                    findings.warnings.push(format!(
+                        "`nodes[{index}]` has its copies in `{}`, which is not read: the scene has one of them only; \
+                         export it with one node for each copy",
+                        extension::INSTANCING
+                    ));
+                }
+                findings.count(reason);
             }
             placements.push(Placement {
                 node: index,

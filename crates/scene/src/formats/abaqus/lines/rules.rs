@@ -9,7 +9,7 @@ use crate::bounds::Bounds;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::{HashMap, HashSet};
 
-/// What rules need beyond the model.
+/// The state that rules need beyond the model.
 pub(super) struct Rules {
     /// The rule that is read, and its line.
     current: Option<(Rule, u32)>,
