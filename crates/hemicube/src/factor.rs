@@ -16,8 +16,8 @@ use coarse::{Found, Pairs, Reach, WIDTH};
 use contour::Precision;
 use far::{Others, Own};
 use glam::DVec3;
-pub(crate) use lanes::{EdgeTerms, RULES};
-use lanes::{Elements, LANES};
+use lanes::Elements;
+pub(crate) use lanes::{EdgeTerms, LANES, RULES, angle_portable};
 use std::sync::OnceLock;
 
 /// Quadrature of the unoccluded form factor, by the distance of the two triangles.
@@ -122,7 +122,7 @@ pub(crate) fn point_to_polygon(point: DVec3, normal: DVec3, polygon: &[DVec3]) -
 
 /// The angle in 0..=π of the vector (x, y), y ≥ 0: the same bits on every machine.
 pub(crate) fn angle(y: f64, x: f64) -> f64 {
-    lanes::angle(y, x)
+    lanes::angle_portable(y, x)
 }
 
 /// Form factors from several elements to one triangle, eight at a time.

@@ -14,7 +14,7 @@
 //! is smooth there, and where edges are parallel or at right angles it is exact.
 
 use super::GAUSS;
-use super::lanes::{LANES, angle};
+use super::lanes::{LANES, angle_portable as angle};
 use crate::geometry::{self, in_front};
 use crate::simd::{InstructionSet, dispatch};
 use glam::DVec3;

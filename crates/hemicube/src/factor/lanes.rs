@@ -76,7 +76,7 @@ fn select(condition: bool, a: f64, b: f64) -> f64 {
 
 /// The angle in 0..=π of the vector (x, y), y ≥ 0; 0 for y = x = 0.
 #[inline(always)]
-pub(super) fn angle(y: f64, x: f64) -> f64 {
+pub(crate) fn angle_portable(y: f64, x: f64) -> f64 {
     let ax = x.abs();
     let steep = y > ax;
     let (small, large) = (select(steep, ax, y), select(steep, y, ax));
@@ -99,7 +99,7 @@ pub(super) fn term(n: [f64; 3], p: [f64; 3], q: [f64; 3]) -> f64 {
     let c = cross(p, q);
     let length = dot(c, c).sqrt();
     let along = dot(n, c) / select(length > 0.0, length, 1.0);
-    along * angle(length, dot(p, q))
+    along * angle_portable(length, dot(p, q))
 }
 
 /// Moves p towards q onto the horizon if p lies below it.
@@ -269,11 +269,11 @@ mod tests {
         for k in 0..=2000 {
             let exact = std::f64::consts::PI * f64::from(k) / 2000.0;
             for scale in [1e-150, 1.0, 1e150] {
-                let found = angle(exact.sin().abs() * scale, exact.cos() * scale);
+                let found = angle_portable(exact.sin().abs() * scale, exact.cos() * scale);
                 assert!((found - exact).abs() < 1e-15, "{exact}: {found}");
             }
         }
-        assert_eq!(angle(0.0, 0.0), 0.0);
+        assert_eq!(angle_portable(0.0, 0.0), 0.0);
     }
 
     fn point() -> impl Strategy<Value = DVec3> {

@@ -18,6 +18,7 @@
 //! is enough.
 
 pub(crate) mod critical;
+mod shadows;
 
 use crate::factor::contour;
 use crate::factor::{SIX, point_to_polygon};

@@ -20,8 +20,9 @@
 //! No arrangement of all critical lines from the start, because a pair between two boxes has a hundred of them, and
 //! thousands of cells, of which a few hold all of the error.
 
+use super::shadows::Shadows;
 use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, Sides};
-use crate::factor::{EdgeTerms, RULES, contour, nineteen, null_rules};
+use crate::factor::{EdgeTerms, LANES, RULES, contour, nineteen, null_rules};
 use crate::geometry::{self, crossing, in_front};
 use crate::visibility::bodies::{Bodies, BodyEdge};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -58,6 +59,8 @@ const BY_CHANCE: f64 = 1.0;
 const MOST_FACES: usize = 6;
 /// In place of a body.
 const NO_BODY: u32 = u32::MAX;
+/// Bound of the occluders whose shadows are taken of eight points at a time: all are held against each other.
+const MOST_CONES: usize = 12;
 /// Bound of the divisions of the outer triangle down to a cell.
 const MOST_DEPTH: u32 = 60;
 
@@ -182,6 +185,9 @@ pub(crate) struct CriticalCells {
     own: Vec<Shape>,
     next: Vec<Shape>,
     terms: EdgeTerms,
+    shadows: Shadows,
+    #[cfg(test)]
+    by_pieces_alone: bool,
     points: usize,
     created: u32,
     slack: f64,
@@ -262,6 +268,10 @@ impl CriticalCells {
             }
         }
         self.terms.begin(sides.outer_normal);
+        self.shadows.normal = sides.outer_normal;
+        self.shadows.size = sides.size;
+        self.shadows.target.clear();
+        self.shadows.target.extend_from_slice(target.corners());
         let mut cells = BinaryHeap::new();
         for fan in seen.as_slice().iter().map(Polygon::corners) {
             for k in 1..fan.len().saturating_sub(1) {
@@ -626,6 +636,22 @@ impl CriticalCells {
         })
     }
 
+    /// Appends the occluders of a cell that may hide something of the target. Returns whether one hides all of it.
+    fn push_relevant(&mut self, corners: &[DVec3; 3], parent: Range<usize>, view: &View<'_>) -> bool {
+        for at in parent {
+            let index = self.relevant[at];
+            if self.is_turned_away(index, corners) {
+                continue;
+            }
+            match self.occluders[index as usize].effect(corners, view.target, self.slack) {
+                Effect::Nothing => {}
+                Effect::All => return true,
+                Effect::Part => self.relevant.push(index),
+            }
+        }
+        false
+    }
+
     /// Adds a cell: cut where occluders stand on it, then evaluated.
     fn add(
         &mut self,
@@ -639,21 +665,7 @@ impl CriticalCells {
             return Some(());
         }
         let start = self.relevant.len();
-        let mut is_hidden = false;
-        for at in parent.0.clone() {
-            let index = self.relevant[at];
-            if self.is_turned_away(index, &corners) {
-                continue;
-            }
-            match self.occluders[index as usize].effect(&corners, view.target, self.slack) {
-                Effect::Nothing => {}
-                Effect::All => {
-                    is_hidden = true;
-                    break;
-                }
-                Effect::Part => self.relevant.push(index),
-            }
-        }
+        let is_hidden = self.push_relevant(&corners, parent.0.clone(), view);
         let number = self.created;
         self.created += 1;
         let mut cell = Cell {
@@ -752,13 +764,12 @@ impl CriticalCells {
     /// Integrates B over a cell by both rules.
     fn evaluate(&mut self, cell: &mut Cell, view: &View<'_>) -> Option<()> {
         let area = geometry::area(&cell.corners);
-        let [one, two, three] = null_rules();
-        for (k, (x, [fifth, eighth])) in nineteen(&cell.corners).into_iter().enumerate() {
-            self.points += 1;
-            let weights = [fifth, eighth, one[k], two[k], three[k]];
-            self.point(x, weights, &cell.relevant, view)?;
-        }
-        let [fifth, eighth, nulls @ ..] = self.terms.finish().map(|sum| sum * area);
+        let sums = match self.sums_by_eights(cell, view) {
+            Some(sums) => sums,
+            None => self.sums_by_pieces(cell, view)?,
+        };
+        self.points += 19;
+        let [fifth, eighth, nulls @ ..] = sums.map(|sum| sum * area);
         let difference = (eighth - fifth).abs();
         let all = nulls
             .iter()
@@ -767,6 +778,67 @@ impl CriticalCells {
         cell.value = eighth;
         cell.difference = difference.max(BY_CHANCE * all);
         Some(())
+    }
+
+    /// The sums of a cell's rules, eight points at a time; `None` with too many occluders.
+    fn sums_by_eights(&mut self, cell: &Cell, view: &View<'_>) -> Option<[f64; RULES]> {
+        self.list_shadows(&cell.corners, cell.relevant.clone(), view);
+        #[cfg(test)]
+        if self.by_pieces_alone {
+            return None;
+        }
+        if self.shadows.cones.len() > MOST_CONES {
+            return None;
+        }
+        let points = nineteen(&cell.corners);
+        let [one, two, three] = null_rules();
+        let mut sums = [0.0; RULES];
+        for start in (0..points.len()).step_by(LANES) {
+            let mut at = [[0.0; LANES]; 3];
+            for l in 0..LANES {
+                let (x, _) = points[(start + l).min(points.len() - 1)];
+                for (of_axis, x) in at.iter_mut().zip(x.to_array()) {
+                    of_axis[l] = x;
+                }
+            }
+            let factors = self.shadows.factors(&at)?;
+            for (k, factor) in (start..points.len()).zip(factors) {
+                let [fifth, eighth] = points[k].1;
+                for (sum, weight) in sums.iter_mut().zip([fifth, eighth, one[k], two[k], three[k]]) {
+                    *sum += factor * weight;
+                }
+            }
+        }
+        Some(sums)
+    }
+
+    /// The sums of a cell's rules, by pieces of polygons; `None` with too many pieces.
+    fn sums_by_pieces(&mut self, cell: &Cell, view: &View<'_>) -> Option<[f64; RULES]> {
+        let [one, two, three] = null_rules();
+        for (k, (x, [fifth, eighth])) in nineteen(&cell.corners).into_iter().enumerate() {
+            let weights = [fifth, eighth, one[k], two[k], three[k]];
+            self.point(x, weights, &cell.relevant, view)?;
+        }
+        Some(self.terms.finish())
+    }
+
+    /// Lists the outlines of a cell's occluders.
+    fn list_shadows(&mut self, corners: &[DVec3; 3], relevant: Range<usize>, view: &View<'_>) {
+        self.shadows.clear();
+        self.shadowed.clear();
+        for at in relevant {
+            let index = self.relevant[at] as usize;
+            let whole = self.whole[index];
+            if whole == NO_BODY {
+                // From behind, a face of a body hides nothing that its other faces do not.
+                let Occluder { outline, normal } = &self.occluders[index];
+                let (outline, of_one_side) = (outline.corners(), self.is_face[index]);
+                self.shadows.add_polygon(corners, outline, *normal, of_one_side);
+            } else if !self.shadowed.contains(&whole) {
+                self.shadowed.push(whole);
+                self.shadows.add_body(corners, view.bodies.get(whole), view.origin);
+            }
+        }
     }
 
     /// Adds the edges of the shadows seen from `x`. `None` if there are too many pieces.
@@ -1319,6 +1391,59 @@ mod tests {
             sums[j as usize] += seen / geometry::area(&other);
         }
         (sums, points)
+    }
+
+    /// Eight points at a time and pieces of polygons are two ways to the same sums: between boxes that float, stand on the
+    /// floor, touch each other and stand in one plane, and plates that cross them.
+    #[test]
+    fn intervals_of_edges_are_worth_what_pieces_of_polygons_are() {
+        let p = DVec3::new;
+        let walls = faces(p(0., 0., 0.), p(6., 5., 4.)).map(|face| face.map(|[a, b, c]| [a, c, b]));
+        let boxes = [
+            (p(1., 1., 0.), p(1., 1., 2.)),
+            (p(2., 1., 0.), p(1., 1., 1.5)),
+            (p(3.5, 1., 0.), p(1., 1., 2.)),
+            (p(1.5, 3., 1.), p(0.7, 0.9, 1.1)),
+        ];
+        let plate = quad([p(0.5, 0.7, 1.2), p(4.9, 0.9, 1.2), p(4.8, 1.6, 1.3), p(0.4, 1.5, 1.25)]);
+        let solid = boxes.map(|(low, size)| faces(low, size)).concat();
+        let triangles = [walls.to_vec(), solid, vec![plate]].concat().concat();
+        for (axis, angle) in TURNS {
+            let model = model_with_sides(&triangles, DQuat::from_axis_angle(axis.normalize(), angle), |k| k >= 60);
+            let regions = &*CoplanarRegions::of(&model);
+            let bodies = Bodies::new(regions);
+            let obstacles = Obstacles::new(&model, regions);
+            let [mut eights, mut pieces] = [false, true].map(|by_pieces_alone| CriticalCells {
+                by_pieces_alone,
+                ..CriticalCells::default()
+            });
+            let count = u32::try_from(model.patches().len()).expect("a small scene");
+            let mut compared = 0;
+            for (i, j) in (0..count).flat_map(|j| (0..j).map(move |i| (i, j))) {
+                let (own, other) = (model.normalised_corners(i), model.normalised_corners(j));
+                let mut shaft = Shaft::default();
+                let pair = shaft.pair(obstacles, PatchTriangle::new(i, &own), PatchTriangle::new(j, &other));
+                let bound = Bound {
+                    unoccluded: exchange(&own, &other, &FactorRule::exact()),
+                    enough: 0.0,
+                    most_points: 0,
+                };
+                if pair.is_occluded || pair.is_unoccluded() || bound.unoccluded <= 0.0 {
+                    continue;
+                }
+                let [one, two] = [&mut eights, &mut pieces].map(|cells| {
+                    let found = cells.measure(&shaft, regions, &bodies, &pair, bound);
+                    found.map_or(f64::NAN, |found| found.exchange)
+                });
+                let off = (one - two).abs() / one.max(two).max(bound.unoccluded);
+                assert!(
+                    off <= 1e-6,
+                    "turned {angle}, {i} and {j}: {one} by intervals, {two} by pieces"
+                );
+                compared += 1;
+            }
+            assert!(compared > 200, "{compared} compared");
+        }
     }
 
     /// Points grow slowly with what is asked for: rays would take 10⁴ times as many for a hundredth of the error.
