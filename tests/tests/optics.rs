@@ -7,6 +7,7 @@
 
 use hemicube::portal::Law;
 use hemicube::solve::STEFAN_BOLTZMANN;
+use hemicube_tests::matrices::entries;
 use hemicube_tests::rooms::{Quad, both_ways, near, obj, of, place, room, zones};
 use hemicube_tests::runs::Place;
 use serde_json::Value;
@@ -304,12 +305,52 @@ fn each_band_has_a_matrix() {
         0.242_850_140_274_55,
         3e-3,
     );
+    // What rows see directly is computed once for both, and rows are those of a band alone, to the bit.
+    place.write("optics.toml", "[object.x1]\nspecular = 0.5\n");
+    place.line(&format!("{line} -o alone")).is(0);
+    let rows = |store: &str| entries(&place.path(store), 0..2, |patch| patch);
+    assert_eq!(rows("room-heat.hemicube"), rows("alone"));
+    place.write(
+        "optics.toml",
+        "bands = [\"light\", \"heat\"]\n[object.x1]\nspecular = [1, 0.5]\n",
+    );
     place
         .line(&format!("{line} -o room.hemicube --overwrite --json"))
         .is(2)
         .says(&["one matrix"]);
     place.write("optics.toml", "bands = [\"a/b\", \"c\"]\n[object.x1]\nspecular = 1\n");
     place.line(&format!("{line} -o no")).is(2).says(&["a/b"]);
+}
+
+/// A band whose matrix lacks parts is gone on with, and the other, which is complete, is left as it is.
+#[test]
+fn bands_are_resumed_each_by_what_it_lacks() {
+    let place = place(
+        &room(1., 1., 1.),
+        "bands = [\"light\", \"heat\"]\n[object.x1]\nspecular = [1, 0.5]\n",
+    );
+    for correction in ["pixel", "area"] {
+        let line = format!("compute scene.obj --specular optics.toml --split 5 --correction {correction} -o room");
+        place.line(&format!("{line} --overwrite")).is(0);
+        let bytes = |band: &str| {
+            let parts = place.path(format!("room-{band}/parts"));
+            let mut found: Vec<(std::path::PathBuf, Vec<u8>)> = std::fs::read_dir(parts)
+                .expect("parts")
+                .map(|entry| entry.expect("a part").path())
+                .map(|path| (path.clone(), std::fs::read(path).expect("read")))
+                .collect();
+            found.sort();
+            found
+        };
+        let whole = [bytes("light"), bytes("heat")];
+        assert!(whole[0].len() > 1, "{}", whole[0].len());
+        std::fs::remove_file(&whole[1][1].0).expect("removed");
+        place
+            .line(&line)
+            .is(0)
+            .says(&["`room-light` is complete", "going on with `room-heat`"]);
+        assert_eq!([bytes("light"), bytes("heat")], whole);
+    }
 }
 
 #[test]

@@ -38,9 +38,6 @@ pub(crate) struct PortalSettings {
         hide_short_help = true
     )]
     pub(crate) repeats: Option<u32>,
-    /// The band of the values in the file of mirrors and panes.
-    #[arg(skip)]
-    pub(crate) band: usize,
 }
 
 fn bound(text: &str) -> Result<f64, String> {
@@ -179,15 +176,39 @@ impl PortalSettings {
             prepared.model = model;
             Some(images)
         };
+        Ok(Portals {
+            images,
+            specular: self.of_band(prepared, tolerance, 0)?,
+        })
+    }
+
+    /// The mirrors and panes of a band.
+    fn of_band(&self, prepared: &Prepared, tolerance: Option<f64>, band: usize) -> Result<Option<Specular>> {
         let bound = self
             .specular_bound
             .unwrap_or_else(|| tolerance.map_or(1e-4, |tolerance| tolerance / 20.0));
-        let specular = self
-            .specular
-            .as_deref()
-            .map(|path| specular(path, prepared, bound, self.band))
-            .transpose()?;
-        Ok(Portals { images, specular })
+        let path = self.specular.as_deref();
+        path.map(|path| specular(path, prepared, bound, band)).transpose()
+    }
+
+    /// The portals of all bands but the first, whose [`Self::portals`] are given.
+    ///
+    /// # Errors
+    /// Like them.
+    pub(crate) fn of_further_bands(
+        &self,
+        first: &Portals,
+        prepared: &Prepared,
+        tolerance: Option<f64>,
+        count: usize,
+    ) -> Result<Vec<Portals>> {
+        let of_band = |band| {
+            Ok(Portals {
+                images: first.images.clone(),
+                specular: self.of_band(prepared, tolerance, band)?,
+            })
+        };
+        (1..count).map(of_band).collect()
     }
 }
 

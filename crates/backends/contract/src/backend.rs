@@ -427,6 +427,30 @@ pub trait HemicubeBackend: Send {
         )))
     }
 
+    /// Returns whether [`Self::rows_and_items`] draws a hemicube once for both.
+    fn draws_once(&self) -> bool {
+        false
+    }
+
+    /// Appends a row and an item buffer for each hemicube. A backend that has both from one drawing
+    /// ([`Self::draws_once`]) may take the row from the item buffer. Without covered weights. By default both are
+    /// drawn.
+    ///
+    /// # Errors
+    /// As for [`HemicubeBackend::items`].
+    fn rows_and_items(
+        &mut self,
+        hemicubes: &[Hemicube],
+        out: &mut RowBlock,
+        items: &mut Vec<crate::face::Items>,
+    ) -> Result<Counters, BackendError> {
+        let counters = self.rows(hemicubes, out)?;
+        for hemicube in hemicubes {
+            items.push(self.items(hemicube)?);
+        }
+        Ok(counters)
+    }
+
     /// The pixels of one hemicube that show nothing of the scene, and the weight of those that show backs of one-sided
     /// patches. `table` is of the loaded resolution. By default from the item buffer.
     ///

@@ -205,6 +205,25 @@ impl Engines {
 }
 
 impl Engines {
+    fn claims(&mut self, scene: &SharedScene) -> &mut TreeEngine<OwnershipBuffer> {
+        self.claims.get_or_insert_with(|| TreeEngine::new(scene))
+    }
+
+    /// The item buffer of a hemicube: engine `order` has none, and leaves it to engine `depth`.
+    fn items(&mut self, scene: &SharedScene, hemicube: &Hemicube) -> Items {
+        match &scene.engine {
+            Engine::Claims => self.claims(scene).items(scene, hemicube),
+            Engine::Depth | Engine::Order(_) => self.depth(scene).items(scene, hemicube),
+        }
+    }
+
+    fn row_and_items(&mut self, scene: &SharedScene, hemicube: &Hemicube, out: &mut RowBlock) -> (Items, Counters) {
+        match &scene.engine {
+            Engine::Claims => self.claims(scene).row_and_items(scene, hemicube, out),
+            Engine::Depth | Engine::Order(_) => self.depth(scene).row_and_items(scene, hemicube, out),
+        }
+    }
+
     /// The pixels of a hemicube that show nothing of the scene, by the engine that renders its rows.
     fn escaped(&mut self, scene: &SharedScene, hemicube: &Hemicube, out: &mut EscapedPixels) {
         match &scene.engine {
@@ -440,7 +459,35 @@ impl HemicubeBackend for CpuBackend {
         if !loaded.may_draw_parents(hemicube) {
             return loaded.patch_by_patch()?.items(hemicube);
         }
-        Ok(loaded.engines.depth(&loaded.scene).items(&loaded.scene, hemicube))
+        Ok(loaded.engines.items(&loaded.scene, hemicube))
+    }
+
+    fn draws_once(&self) -> bool {
+        self.loaded
+            .as_ref()
+            .is_some_and(|loaded| !loaded.scene.settings.covered)
+    }
+
+    fn rows_and_items(
+        &mut self,
+        hemicubes: &[Hemicube],
+        out: &mut RowBlock,
+        items: &mut Vec<Items>,
+    ) -> Result<Counters, BackendError> {
+        let mut counters = Counters::default();
+        for hemicube in hemicubes {
+            let loaded = self.loaded()?;
+            loaded.check(hemicube)?;
+            counters += if loaded.may_draw_parents(hemicube) {
+                let (seen, counters) = loaded.engines.row_and_items(&loaded.scene, hemicube, out);
+                items.push(seen);
+                counters
+            } else {
+                let whole = loaded.patch_by_patch()?;
+                whole.rows_and_items(std::slice::from_ref(hemicube), out, items)?
+            };
+        }
+        Ok(counters)
     }
 
     fn escaped(

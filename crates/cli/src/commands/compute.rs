@@ -21,7 +21,8 @@ use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend};
 use hemicube::driver::compute::{Plan, Progress, RowChoice, Summary};
 use hemicube::driver::job::{
-    Finished, Job, JobError, Note, Observer, RowsFailed, Run, Sessions, Stage, StorePlace, StoreRun,
+    Finished, Job, JobError, Note, Observer, OpenStore, PartListener, RowsFailed, Run, Sessions, Stage, StorePlace,
+    StoreRun,
 };
 use hemicube::driver::probe::share_left;
 use hemicube::driver::settings::RowSettings;
@@ -285,12 +286,20 @@ impl Tally {
     }
 }
 
-pub(crate) fn run(mut arguments: Arguments, talk: Talk) -> Result<Exit> {
+pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let bands = arguments.portals.bands()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-    let Some(whole) = arguments.output.clone().filter(|_| bands.len() > 1) else {
-        return run_band(&arguments, cancel, talk);
+    // clap requires a scene; only `--print-config` goes without.
+    let (Some(scene), Some(whole)) = (arguments.scene.as_deref(), arguments.output.as_deref()) else {
+        bail!("a scene is needed");
     };
+    if bands.len() == 1 {
+        let outputs = [Output {
+            band: None,
+            directory: whole.to_owned(),
+        }];
+        return run_bands(&arguments, scene, &outputs, cancel, talk);
+    }
     if arguments.report.json.is_some() {
         bail!(
             "`--json` reports on one matrix, and mirrors and panes of {} bands give as many; leave it out, and ask \
@@ -298,16 +307,21 @@ pub(crate) fn run(mut arguments: Arguments, talk: Talk) -> Result<Exit> {
             bands.len()
         );
     }
-    for (band, name) in bands.iter().enumerate() {
-        arguments.portals.band = band;
-        arguments.output = Some(of_band(&whole, name));
-        talk.say(&format!("band {name}, {} of {}", band + 1, bands.len()));
-        match run_band(&arguments, cancel, talk)? {
-            Exit::Done => {}
-            other => return Ok(other),
-        }
-    }
-    Ok(Exit::Done)
+    let outputs: Vec<Output> = bands
+        .into_iter()
+        .map(|name| Output {
+            directory: of_band(whole, &name),
+            band: Some(name),
+        })
+        .collect();
+    run_bands(&arguments, scene, &outputs, cancel, talk)
+}
+
+/// A matrix to compute.
+struct Output {
+    /// The band, if there are several.
+    band: Option<String>,
+    directory: PathBuf,
 }
 
 /// The name of a band's matrix: `room-red.hemicube` of `room.hemicube`.
@@ -321,12 +335,14 @@ fn of_band(whole: &Path, band: &str) -> PathBuf {
     whole.with_file_name(name)
 }
 
-/// Computes one matrix.
-fn run_band(arguments: &Arguments, cancel: &'static AtomicBool, talk: Talk) -> Result<Exit> {
-    // clap requires a scene; only `--print-config` goes without.
-    let (Some(scene_path), Some(directory)) = (arguments.scene.as_deref(), arguments.output.as_deref()) else {
-        bail!("a scene is needed");
-    };
+/// Computes a matrix for each band.
+fn run_bands(
+    arguments: &Arguments,
+    scene: &Path,
+    outputs: &[Output],
+    cancel: &'static AtomicBool,
+    talk: Talk,
+) -> Result<Exit> {
     let shard = arguments
         .process
         .shard
@@ -341,17 +357,17 @@ fn run_band(arguments: &Arguments, cancel: &'static AtomicBool, talk: Talk) -> R
         });
     let json = JsonReport::open(&arguments.report)?;
     let backend = arguments.render.open_backend(talk)?;
-    check_place(directory)?;
+    outputs.iter().try_for_each(|output| check_place(&output.directory))?;
     let status = Status::open(arguments.process.progress_file.as_deref())?;
     let opened = Opened {
-        directory,
+        outputs,
         backend,
         cancel,
         shard,
         status: &status,
         talk,
     };
-    let result = compute_into(arguments, scene_path, opened, json);
+    let result = compute_into(arguments, scene, opened, json);
     status.end(match &result {
         Ok(Exit::Interrupted) => "interrupted",
         Ok(_) => "done",
@@ -363,7 +379,7 @@ fn run_band(arguments: &Arguments, cancel: &'static AtomicBool, talk: Talk) -> R
 
 /// Everything opened before the scene is read.
 struct Opened<'a> {
-    directory: &'a Path,
+    outputs: &'a [Output],
     backend: Box<dyn HemicubeBackend>,
     cancel: &'a AtomicBool,
     shard: Option<Shard>,
@@ -467,7 +483,7 @@ fn on_or_off(culling: Culling) -> &'static str {
 /// Reads the scene and computes its rows into the store.
 fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: Option<JsonReport>) -> Result<Exit> {
     let Opened {
-        directory,
+        outputs,
         backend,
         cancel,
         shard,
@@ -480,6 +496,9 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let tolerance = arguments.render.tolerance.map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
     let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
+    let further = arguments
+        .portals
+        .of_further_bands(&portals, &prepared, tolerance, outputs.len())?;
     drop(stage);
     prepared.tell(talk);
     tell_portals(&portals, talk);
@@ -488,9 +507,15 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
         calibration: arguments.render.open_backend(Talk::SILENT)?,
     };
     let has_portals = !portals.is_empty();
-    let mut run = job(arguments, &prepared, portals)?
+    let job = job(arguments, &prepared, portals)?;
+    let mut run = job
         .prepare(&prepared.scene, &prepared.model, sessions, &watch)
         .map_err(explain)?;
+    for portals in further {
+        run = run
+            .with_band(&job, &prepared.scene, Arc::new(portals))
+            .map_err(explain)?;
+    }
     tell_backend(&run, &prepared, talk);
     tell_composed(&run, talk);
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
@@ -501,59 +526,113 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
 
     // From here to the last manifest an interrupt waits, so that the directory is a store afterwards.
     let guard = exit::InterruptGuard::new();
-    let begun = Begun::new(&prepared, &run, shard);
+    let begun: Vec<Begun> = outputs.iter().map(|_| Begun::new(&prepared, &run, shard)).collect();
     let threads = run.threads;
-    let mut tally = Tally::new();
-    let place = StorePlace {
-        directory,
-        overwrite: arguments.overwrite,
-        shard,
-    };
+    let mut tallies: Vec<Tally> = outputs.iter().map(|_| Tally::new()).collect();
+    let mut takers: Vec<_> = tallies
+        .iter_mut()
+        .map(|tally| move |part: &Part| tally.add(part))
+        .collect();
+    let mut listeners: Vec<PartListener<'_>> = takers.iter_mut().map(|taker| taker as PartListener<'_>).collect();
+    let places: Vec<StorePlace<'_>> = outputs
+        .iter()
+        .map(|output| StorePlace {
+            directory: &output.directory,
+            overwrite: arguments.overwrite,
+            shard,
+        })
+        .collect();
     let store = run
-        .open(&prepared.scene, place, &mut |part| tally.add(part), &watch)
+        .open_bands(&prepared.scene, &places, &mut listeners, &watch)
         .map_err(explain_store)?;
-    tell_resumed(&store, talk);
+    store.stores().iter().for_each(|store| tell_resumed(store, talk));
     warn_of_disk(&store, entries_per_row, talk);
     let objects = enclosure::objects(&prepared);
     // As large as the patches, and not needed any more.
     prepared.scene.scene.triangles = Vec::new();
-    let finished = store.compute(&mut |part| tally.add(part), &watch).map_err(explain)?;
+    let finished = store.compute_bands(&mut listeners, &watch).map_err(explain)?;
     drop(guard);
+    drop(listeners);
+    drop(takers);
 
-    let shares = [tally.sum, tally.escaped, tally.blocked].map(|sum| tally.mean(sum));
-    let questions = if tally.rendered > 0 && !has_portals && enclosure::is_odd(prepared.scene.objects.len(), shares) {
-        let [row_sum, _, blocked] = shares;
-        enclosure::questions(&prepared, &objects, [row_sum, blocked], threads)
-    } else {
-        Vec::new()
+    let ending = Ending {
+        arguments,
+        prepared: &prepared,
+        watch: &watch,
+        objects: &objects,
+        threads,
+        has_portals,
     };
-    let timings = (!arguments.report.no_timings).then(|| timings(&watch, &prepared, &finished));
-    let mut report = report_of(begun, &prepared, &tally, &finished, timings);
-    talk.say(summarise(&report, &finished.summary, directory).trim_end());
-    for question in questions {
-        talk.warn(&question);
-    }
-    warn_of_error(&report, arguments, talk);
-    let exit = match arguments.verify {
-        _ if finished.summary.cancelled => Exit::Interrupted,
-        None => Exit::Done,
-        Some(rows) => {
-            let _stage = status.stage("verify");
-            let verify = Verify {
-                rows,
-                seed: arguments.selection.seed,
-                tolerance: arguments.render.tolerance,
-                threads,
-                cancel,
-                engine: &arguments.render.engine,
-            };
-            verify_rows(&verify, &prepared, &finished, &mut report, talk)?
+    let mut exit = Exit::Done;
+    let mut reports = Vec::with_capacity(outputs.len());
+    for (place, (begun, finished)) in begun.into_iter().zip(&finished).enumerate() {
+        if let Some(name) = &outputs[place].band {
+            talk.say(&format!("band {name}, {} of {}", place + 1, outputs.len()));
         }
-    };
-    if let Some(json) = json {
-        json.write(&report)?;
+        let (report, of_band) = ending.report(begun, &tallies[place], finished)?;
+        if exit == Exit::Done {
+            exit = of_band;
+        }
+        reports.push(report);
+    }
+    if let (Some(json), [report]) = (json, &reports[..]) {
+        json.write(report)?;
     }
     Ok(exit)
+}
+
+/// What is known of a run that is over.
+struct Ending<'a> {
+    arguments: &'a Arguments,
+    prepared: &'a Prepared,
+    watch: &'a Watch<'a>,
+    objects: &'a [u32],
+    threads: usize,
+    has_portals: bool,
+}
+
+impl Ending<'_> {
+    /// Tells the results of a matrix, and verifies it where that was asked for.
+    fn report(&self, begun: Begun, tally: &Tally, finished: &Finished) -> Result<(Report, Exit)> {
+        let Self {
+            arguments, prepared, ..
+        } = *self;
+        let Watch {
+            status, cancel, talk, ..
+        } = *self.watch;
+        let shares = [tally.sum, tally.escaped, tally.blocked].map(|sum| tally.mean(sum));
+        let is_odd = enclosure::is_odd(prepared.scene.objects.len(), shares);
+        let questions = if tally.rendered > 0 && !self.has_portals && is_odd {
+            let [row_sum, _, blocked] = shares;
+            enclosure::questions(prepared, self.objects, [row_sum, blocked], self.threads)
+        } else {
+            Vec::new()
+        };
+        let timings = (!arguments.report.no_timings).then(|| timings(self.watch, prepared, finished));
+        let mut report = report_of(begun, prepared, tally, finished, timings);
+        talk.say(summarise(&report, &finished.summary, &finished.directory).trim_end());
+        for question in questions {
+            talk.warn(&question);
+        }
+        warn_of_error(&report, arguments, talk);
+        let exit = match arguments.verify {
+            _ if finished.summary.cancelled => Exit::Interrupted,
+            None => Exit::Done,
+            Some(rows) => {
+                let _stage = status.stage("verify");
+                let verify = Verify {
+                    rows,
+                    seed: arguments.selection.seed,
+                    tolerance: arguments.render.tolerance,
+                    threads: self.threads,
+                    cancel,
+                    engine: &arguments.render.engine,
+                };
+                verify_rows(&verify, prepared, finished, &mut report, talk)?
+            }
+        };
+        Ok((report, exit))
+    }
 }
 
 /// Compares rows of the store with reference rows, and enters the result into the report.
@@ -888,8 +967,11 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
 
 /// Warns of a disk that is probably too small. The run begins all the same: it can be resumed once there is room.
 fn warn_of_disk(store: &StoreRun<'_>, entries_per_row: f64, talk: Talk) {
-    let (plan, directory) = (store.plan(), store.writer().directory());
-    let rows = store.missing_rows();
+    let plan = store.plan();
+    let Some(directory) = store.stores().first().map(|store| store.writer.directory()) else {
+        return;
+    };
+    let rows = store.missing_rows() * store.stores().len() as u64;
     let wanted = forecast::disk(rows, entries_of_row(plan, entries_per_row), plan.form);
     let Some(available) = forecast::available(directory).filter(|&available| available < wanted) else {
         return;
@@ -910,8 +992,7 @@ fn warn_of_disk(store: &StoreRun<'_>, entries_per_row: f64, talk: Talk) {
 }
 
 /// Tells the parts resumed from an earlier run, and those computed again.
-fn tell_resumed(store: &StoreRun<'_>, talk: Talk) {
-    let (writer, resumed) = (store.writer(), store.resumed());
+fn tell_resumed(OpenStore { writer, resumed, .. }: &OpenStore, talk: Talk) {
     let shown = writer.directory().display();
     if !writer.is_locked() {
         talk.warn(&format!(

@@ -8,11 +8,12 @@
 //! of work, and the collector puts batches back in order.
 
 use crate::Model;
-use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
+use crate::accuracy::correct::{Attempt, Converted, Converter, Correction, Rendered};
 use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::driver::aggregate::{ColumnSums, OpenRow};
 use crate::driver::queue::{Queue, StopOnPanic};
+use crate::face::Items;
 use crate::portal::extend::{Draft, Extender};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
@@ -263,17 +264,49 @@ pub fn compute(
     model: &Model,
     plan: &Plan,
     settings: RenderSettings,
-    mut backend: Box<dyn HemicubeBackend>,
+    backend: Box<dyn HemicubeBackend>,
     execution: Execution<'_>,
     sink: &mut dyn PartSink,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Summary, ComputeError> {
+    let mut bands = [Band { plan, sink }];
+    let summaries = compute_bands(model, &mut bands, settings, backend, execution, progress)?;
+    summaries.into_iter().next().ok_or(ComputeError::Cancelled)
+}
+
+/// A matrix of several that are computed together: plans that differ in nothing but their mirrors and panes.
+pub struct Band<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// Takes the parts.
+    pub sink: &'a mut dyn PartSink,
+}
+
+/// Computes the rows of several matrices by [`compute`]: what a row sees directly is rendered and refined once for all
+/// of them. Rows are those of each alone, to the bit. Returns a summary each, with the times and counts of all.
+///
+/// # Errors
+/// As for [`compute`].
+///
+/// # Panics
+/// Without a matrix.
+pub fn compute_bands(
+    model: &Model,
+    bands: &mut [Band<'_>],
+    settings: RenderSettings,
+    mut backend: Box<dyn HemicubeBackend>,
+    execution: Execution<'_>,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Vec<Summary>, ComputeError> {
+    let plans: Vec<&Plan> = bands.iter().map(|band| band.plan).collect();
+    let plan = plans[0];
     let settings = load(model, &plan.correction, settings, backend.as_mut())?;
     let batches = Batches::new(plan, execution.batch, backend.as_ref());
     let sessions = sessions(backend, execution.threads, batches.count)?;
     let run = Run {
         model,
         plan,
+        plans,
         settings,
         queue: Queue::new(batches.count),
         abandon: AtomicBool::new(false),
@@ -281,16 +314,24 @@ pub fn compute(
         window: 8 * sessions.len(),
     };
     let started = Instant::now();
-    let mut collector = Collector::new(&run, sessions.len());
+    let mut collectors = Collectors::new(&run, sessions.len());
     let sink_time = std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::channel();
-        let (parts, finished) = mpsc::sync_channel(PARTS_WAITING);
         let run = &run;
         let _stop = StopOnPanic(&run.queue);
-        let writer = scope.spawn(move || {
-            let _stop = StopOnPanic(&run.queue);
-            keep_parts(&finished, &run.queue, sink)
-        });
+        let mut parts = Vec::with_capacity(bands.len());
+        let writers: Vec<_> = bands
+            .iter_mut()
+            .map(|band| {
+                let (sender, finished) = mpsc::sync_channel(PARTS_WAITING);
+                parts.push(sender);
+                let sink = &mut *band.sink;
+                scope.spawn(move || {
+                    let _stop = StopOnPanic(&run.queue);
+                    keep_parts(&finished, &run.queue, sink)
+                })
+            })
+            .collect();
         let workers: Vec<_> = sessions
             .into_iter()
             .map(|session| {
@@ -300,7 +341,7 @@ pub fn compute(
             .collect();
         drop(sender);
 
-        let result = collector.collect(&receiver, parts, execution.cancel, progress);
+        let result = collectors.collect(&receiver, parts, execution.cancel, progress);
         // However the collection ended, nobody may wait for it, and no further rows are wanted.
         run.queue.stop_at(0);
         run.abandon.store(true, Ordering::Relaxed);
@@ -312,16 +353,24 @@ pub fn compute(
             }
         }
         // Waiting parts are whole, and are written however the run ended.
-        let kept = match writer.join() {
-            Ok(kept) => kept.map_err(ComputeError::from),
-            Err(payload) => Err(panic.take().unwrap_or_else(|| panicked(payload.as_ref()))),
-        };
-        panic.map_or(result, Err).and(kept)
+        let mut kept = Vec::with_capacity(writers.len());
+        for writer in writers {
+            kept.push(match writer.join() {
+                Ok(kept) => kept.map_err(ComputeError::from),
+                Err(payload) => Err(panic.take().unwrap_or_else(|| panicked(payload.as_ref()))),
+            });
+        }
+        panic.map_or(result, Err)?;
+        kept.into_iter().collect::<Result<Vec<Duration>, ComputeError>>()
     })?;
-    let mut summary = collector.summary;
-    summary.sink = sink_time;
-    summary.elapsed = started.elapsed();
-    Ok(summary)
+    let elapsed = started.elapsed();
+    let summaries = collectors.each.into_iter().zip(sink_time);
+    let summaries = summaries.map(|(collector, sink)| Summary {
+        sink,
+        elapsed,
+        ..collector.summary
+    });
+    Ok(summaries.collect())
 }
 
 /// A session for each worker: at most one a batch.
@@ -444,6 +493,8 @@ impl<'a> Batches<'a> {
 struct Run<'a> {
     model: &'a Model,
     plan: &'a Plan,
+    /// The plan of each band, the first of which is `plan`.
+    plans: Vec<&'a Plan>,
     settings: RenderSettings,
     batches: Batches<'a>,
     queue: Queue,
@@ -471,8 +522,8 @@ struct Batch {
     row_time_squared: f64,
 }
 
-/// A batch by its number, or its failure.
-type Computed = (usize, Result<Batch, ComputeError>);
+/// A batch by its number, of each band, or its failure.
+type Computed = (usize, Result<Vec<Batch>, ComputeError>);
 
 /// A row of a batch, and its hemicubes there.
 #[derive(Debug)]
@@ -483,31 +534,112 @@ struct BatchRow {
     hemicubes: Range<usize>,
 }
 
-/// Computes batches on a thread of its own.
-struct Worker<'a> {
-    run: &'a Run<'a>,
-    session: Box<dyn HemicubeBackend>,
-    rows: RowBlock,
-    converter: Converter<'a>,
+/// What a worker knows of a band.
+struct WorkerBand<'a> {
+    plan: &'a Plan,
     columns: ColumnSums,
     /// The columns of mirrors and panes.
     portals: Vec<bool>,
     extender: Option<Extender<'a>>,
 }
 
+impl<'a> WorkerBand<'a> {
+    fn new(run: &'a Run<'a>, plan: &'a Plan) -> Self {
+        Self {
+            plan,
+            columns: ColumnSums::default(),
+            portals: plan.portal_columns(),
+            extender: (!plan.portals.is_empty()).then(|| {
+                let (portals, correction) = (&plan.portals, plan.correction);
+                Extender::new(portals, run.model, correction, run.settings.resolution, &run.abandon)
+            }),
+        }
+    }
+
+    /// Ends a row: extends it, adds it up or thins it, and appends what is known of it to the batch's part.
+    fn end_row(
+        &mut self,
+        row: &Unfinished<'_>,
+        start: [usize; 2],
+        session: &mut dyn HemicubeBackend,
+        batch: &mut Batch,
+    ) -> Result<(), ComputeError> {
+        let mut converted = row.converted;
+        let [start, data_start] = start;
+        let part = &mut batch.part;
+        if let Some(extender) = &mut self.extender {
+            let draft = Draft {
+                emitter: row.emitter,
+                hemicubes: row.hemicubes,
+                items: row.items,
+                part: &mut *part,
+                start,
+                data_start,
+                sums: &mut converted.sums,
+                shares: &mut converted.shares,
+                error: &mut converted.error,
+                rays: &mut converted.rays,
+            };
+            let passage = extender.extend(draft, |patch| self.plan.selection.receives(patch), session);
+            part.passages.push(passage.map_err(|source| failed(session, source))?);
+        }
+        let plan = self.plan;
+        if let Some(groups) = &plan.groups {
+            batch.pairs += part.data.len() as u64;
+            self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
+        } else if plan.keeping(&self.portals).changes() {
+            let change = small_entries::keep(part, start, plan.keeping(&self.portals), &mut converted.error);
+            if plan.min_factor > 0.0 {
+                batch.changes.push(change);
+            }
+        }
+        batch.partial += converted.partial;
+        batch.cut_short += u64::from(converted.cut_short);
+        part.rows.push(row.emitter.0);
+        part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
+        part.sums.push(converted.sums);
+        part.shares.push(converted.shares);
+        part.hemicubes
+            .push(u32::try_from(row.hemicubes.len()).unwrap_or(u32::MAX));
+        part.errors.push(converted.error);
+        part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
+        Ok(())
+    }
+}
+
+/// A row as it is seen directly.
+struct Unfinished<'r> {
+    emitter: InputPatch,
+    hemicubes: &'r [Hemicube],
+    /// Their item buffers; empty if they are still to be drawn.
+    items: &'r [Items],
+    converted: Converted,
+}
+
+/// Computes batches on a thread of its own.
+struct Worker<'a> {
+    run: &'a Run<'a>,
+    session: Box<dyn HemicubeBackend>,
+    rows: RowBlock,
+    converter: Converter<'a>,
+    bands: Vec<WorkerBand<'a>>,
+    /// True where one drawing gives a row and the pixels that the extender follows: `items`, of the row under way.
+    draws_once: bool,
+    items: Vec<Items>,
+}
+
 impl<'a> Worker<'a> {
     fn new(run: &'a Run<'a>, session: Box<dyn HemicubeBackend>) -> Self {
+        let follows_pixels =
+            run.plan.correction == Correction::Pixel && run.plans.iter().any(|plan| plan.portals.specular.is_some());
         Self {
             run,
+            draws_once: follows_pixels && session.draws_once(),
+            items: Vec::new(),
             session,
             rows: RowBlock::default(),
             converter: Converter::new(run.plan.correction, Some(&run.abandon)),
-            columns: ColumnSums::default(),
-            portals: run.plan.portal_columns(),
-            extender: (!run.plan.portals.is_empty()).then(|| {
-                let (portals, correction) = (&run.plan.portals, run.plan.correction);
-                Extender::new(portals, run.model, correction, run.settings.resolution, &run.abandon)
-            }),
+            bands: run.plans.iter().map(|&plan| WorkerBand::new(run, plan)).collect(),
         }
     }
 
@@ -528,8 +660,8 @@ impl<'a> Worker<'a> {
         }
     }
 
-    /// Renders, checks and converts the rows of one batch.
-    fn compute(&mut self, emitters: &[InputPatch]) -> Result<Batch, ComputeError> {
+    /// Renders, checks and converts the rows of one batch, for each band.
+    fn compute(&mut self, emitters: &[InputPatch]) -> Result<Vec<Batch>, ComputeError> {
         let Run { model, plan, .. } = self.run;
         let mut hemicubes = Vec::with_capacity(emitters.len());
         let mut rows = Vec::with_capacity(emitters.len());
@@ -547,35 +679,68 @@ impl<'a> Worker<'a> {
         let first = emitters.first().copied().unwrap_or(InputPatch(0));
         let began = Instant::now();
         let session = self.session.as_mut();
-        let counters = render(model, self.run.settings, session, first, &hemicubes, &mut self.rows)?;
+        let counters = if self.draws_once {
+            Counters::default()
+        } else {
+            render(model, self.run.settings, session, first, &hemicubes, &mut self.rows)?
+        };
         let rendering = began.elapsed();
 
-        let mut batch = Batch {
+        let batch = || Batch {
             counters,
             // Patches of several elements add up these rows in f64 and round once.
             part: Part::new(plan.form),
             ..Batch::default()
         };
-        for row in rows {
+        let mut batches: Vec<Batch> = self.bands.iter().map(|_| batch()).collect();
+        for mut row in rows {
             if self.converter.is_cancelled() {
                 break;
             }
             let began = Instant::now();
-            self.convert(&row, &hemicubes[row.hemicubes.clone()], &mut batch)?;
+            let own = &hemicubes[row.hemicubes.clone()];
+            if self.draws_once {
+                let counters = self.draw(row.emitter, own)?;
+                batches.iter_mut().for_each(|batch| batch.counters += counters);
+                row.hemicubes = 0..own.len();
+            }
+            self.convert(&row, own, &mut batches)?;
             // Hemicubes are rendered together: each has its share of that time.
             let share = row.hemicubes.len() as f64 / hemicubes.len().max(1) as f64;
             let took = began.elapsed() + rendering.mul_f64(share);
-            batch.row_time += took;
-            batch.row_time_squared += took.as_secs_f64().powi(2);
-            if batch.slowest.is_none_or(|(_, longest)| took > longest) {
-                batch.slowest = Some((row.emitter, took));
+            for batch in &mut batches {
+                batch.row_time += took;
+                batch.row_time_squared += took.as_secs_f64().powi(2);
+                if batch.slowest.is_none_or(|(_, longest)| took > longest) {
+                    batch.slowest = Some((row.emitter, took));
+                }
             }
         }
-        Ok(batch)
+        Ok(batches)
     }
 
-    /// Converts a rendered row, with more hemicubes where it is inconsistent, and appends it to the batch's part.
-    fn convert(&mut self, row: &BatchRow, hemicubes: &[Hemicube], batch: &mut Batch) -> Result<(), ComputeError> {
+    /// Renders and checks a row with its item buffers.
+    fn draw(&mut self, emitter: InputPatch, hemicubes: &[Hemicube]) -> Result<Counters, ComputeError> {
+        self.rows.clear();
+        self.items.clear();
+        let session = self.session.as_mut();
+        let counters = session
+            .rows_and_items(hemicubes, &mut self.rows, &mut self.items)
+            .map_err(|source| failed(session, source))?;
+        check(
+            session,
+            self.run.model,
+            self.run.settings,
+            emitter,
+            &self.rows,
+            hemicubes.len(),
+        )?;
+        Ok(counters)
+    }
+
+    /// Converts a rendered row, with more hemicubes where it is inconsistent, and appends it to the part of each band's
+    /// batch.
+    fn convert(&mut self, row: &BatchRow, hemicubes: &[Hemicube], batches: &mut [Batch]) -> Result<(), ComputeError> {
         let Run { model, plan, .. } = self.run;
         let emitter = row.emitter;
         let receives = |patch| plan.selection.receives(patch);
@@ -585,9 +750,17 @@ impl<'a> Worker<'a> {
             is_large: row.per_edge > plan.samples_per_edge,
             is_last: attempts.is_empty(),
         };
-        let part = &mut batch.part;
-        let start = part.indices.len();
-        let data_start = part.data.len();
+        let starts: Vec<[usize; 2]> = batches
+            .iter()
+            .map(|batch| [batch.part.indices.len(), batch.part.data.len()])
+            .collect();
+        let Some(Batch {
+            part, counters: all, ..
+        }) = batches.first_mut()
+        else {
+            return Ok(());
+        };
+        let [start, data_start] = starts[0];
         let rendered = Rendered {
             model,
             emitter,
@@ -595,7 +768,6 @@ impl<'a> Worker<'a> {
             rows: row.hemicubes.clone().map(|place| self.rows.row(place)),
             attempt,
         };
-        let mut count = hemicubes.len();
         let mut taken = None;
         let mut converted = self.converter.convert(rendered, receives, part);
         for (place, &per_edge) in attempts.iter().enumerate() {
@@ -607,7 +779,7 @@ impl<'a> Worker<'a> {
             let more = model.hemicubes(emitter, per_edge, plan.rotate);
             let mut rows = RowBlock::default();
             let session = self.session.as_mut();
-            batch.counters += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
+            *all += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
             part.indices.truncate(start);
             part.data.truncate(data_start);
             attempt.is_first = false;
@@ -621,49 +793,27 @@ impl<'a> Worker<'a> {
             };
             let lost = converted.lost;
             converted = self.converter.convert(rendered, receives, part);
-            count = more.len();
             taken = Some(more);
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
             }
         }
-        if let Some(extender) = &mut self.extender {
-            let draft = Draft {
-                emitter,
-                hemicubes: taken.as_deref().unwrap_or(hemicubes),
-                part: &mut *part,
-                start,
-                data_start,
-                sums: &mut converted.sums,
-                shares: &mut converted.shares,
-                error: &mut converted.error,
-                rays: &mut converted.rays,
-            };
-            let session = self.session.as_mut();
-            let passage = extender.extend(draft, receives, session);
-            part.passages.push(passage.map_err(|source| ComputeError::Backend {
-                backend: backend_name(self.session.as_ref()),
-                source,
-            })?);
-        }
-        if let Some(groups) = &plan.groups {
-            batch.pairs += part.data.len() as u64;
-            self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
-        } else if plan.keeping(&self.portals).changes() {
-            let change = small_entries::keep(part, start, plan.keeping(&self.portals), &mut converted.error);
-            if plan.min_factor > 0.0 {
-                batch.changes.push(change);
+        let unfinished = Unfinished {
+            emitter,
+            hemicubes: taken.as_deref().unwrap_or(hemicubes),
+            items: if taken.is_none() { &self.items } else { &[] },
+            converted,
+        };
+        if let Some((first, others)) = batches.split_first_mut() {
+            for batch in others {
+                batch.part.indices.extend_from_slice(&first.part.indices[start..]);
+                batch.part.data.extend(first.part.data.tail(data_start));
             }
         }
-        batch.partial += converted.partial;
-        batch.cut_short += u64::from(converted.cut_short);
-        part.rows.push(emitter.0);
-        part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
-        part.sums.push(converted.sums);
-        part.shares.push(converted.shares);
-        part.hemicubes.push(u32::try_from(count).unwrap_or(u32::MAX));
-        part.errors.push(converted.error);
-        part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
+        let session = self.session.as_mut();
+        for ((band, batch), start) in self.bands.iter_mut().zip(batches).zip(starts) {
+            band.end_row(&unfinished, start, session, batch)?;
+        }
         Ok(())
     }
 }
@@ -699,32 +849,60 @@ pub(crate) fn render(
     hemicubes: &[Hemicube],
     rows: &mut RowBlock,
 ) -> Result<Counters, ComputeError> {
-    let counters = backend.rows(hemicubes, rows).map_err(|source| ComputeError::Backend {
-        backend: backend_name(backend),
-        source,
-    })?;
-    rows.check(hemicubes.len(), model.geometry().patch_count, settings.covered)
+    let counters = backend
+        .rows(hemicubes, rows)
+        .map_err(|source| failed(backend, source))?;
+    check(backend, model, settings, first, rows, hemicubes.len())?;
+    Ok(counters)
+}
+
+/// Checks `count` rows. Errors name `first`, the first emitter.
+fn check(
+    backend: &dyn HemicubeBackend,
+    model: &Model,
+    settings: RenderSettings,
+    first: InputPatch,
+    rows: &RowBlock,
+    count: usize,
+) -> Result<(), ComputeError> {
+    rows.check(count, model.geometry().patch_count, settings.covered)
         .map_err(|source| ComputeError::Row {
             backend: backend_name(backend),
             patch: first.0,
             source,
-        })?;
-    Ok(counters)
+        })
+}
+
+fn failed(backend: &dyn HemicubeBackend, source: BackendError) -> ComputeError {
+    ComputeError::Backend {
+        backend: backend_name(backend),
+        source,
+    }
 }
 
 fn backend_name(backend: &dyn HemicubeBackend) -> String {
     backend.info().name.clone()
 }
 
-/// Puts batches back in order, appends them to parts, and adds up their figures.
+/// Puts batches back in order, and has the parts of each band made of them.
+#[derive(Debug)]
+struct Collectors<'a> {
+    run: &'a Run<'a>,
+    each: Vec<Collector<'a>>,
+    /// Batches that came before their turn.
+    early: BTreeMap<usize, Vec<Batch>>,
+    /// The next batch.
+    next: usize,
+    /// When the run was cancelled.
+    cancelled: Option<Instant>,
+}
+
+/// Appends the batches of a band to parts, and adds up their figures.
 #[derive(Debug)]
 struct Collector<'a> {
     run: &'a Run<'a>,
+    plan: &'a Plan,
     row_count: u64,
-    /// Batches that came before their turn.
-    early: BTreeMap<usize, Batch>,
-    /// The next batch.
-    next: usize,
     /// The part under way.
     part: Part,
     /// The row under way, where patches are several elements, and the elements that have come.
@@ -733,55 +911,26 @@ struct Collector<'a> {
     /// Place of the next part among the parts to compute.
     next_part: usize,
     thinned: PartThinning,
-    /// When the run was cancelled.
-    cancelled: Option<Instant>,
     summary: Summary,
 }
 
-impl<'a> Collector<'a> {
+impl<'a> Collectors<'a> {
     fn new(run: &'a Run<'a>, threads: usize) -> Self {
-        let mut collector = Self {
+        Self {
             run,
-            row_count: run.plan.elements_of(run.plan.wanted()),
+            each: run
+                .plans
+                .iter()
+                .map(|&plan| Collector::new(run, plan, threads))
+                .collect(),
             early: BTreeMap::new(),
             next: 0,
-            part: Part::new(run.plan.form),
-            open: OpenRow::new(run.plan),
-            elements: 0,
-            next_part: 0,
-            thinned: PartThinning::default(),
             cancelled: None,
-            summary: Summary {
-                threads,
-                ..Summary::default()
-            },
-        };
-        collector.part = collector.begin_part();
-        collector
-    }
-
-    fn is_thinned(&self) -> bool {
-        self.run.plan.min_factor > 0.0
-    }
-
-    /// An empty part. Past the last one nothing comes.
-    fn begin_part(&mut self) -> Part {
-        let index = self.run.batches.parts.get(self.next_part).copied();
-        self.next_part += 1;
-        Part {
-            index: index.unwrap_or(u32::MAX),
-            indptr: vec![0],
-            thinning: self.is_thinned().then(PartThinning::default),
-            ..Part::new(self.run.plan.form)
         }
     }
 
     fn progress(&self) -> Progress {
-        Progress {
-            rows: self.elements,
-            row_count: self.row_count,
-            entries: self.summary.entries + self.part.indices.len() as u64,
-        }
+        self.each.first().map(Collector::progress).unwrap_or_default()
     }
 
     /// Collects batches and hands full parts on, until all have come, one fails, or `cancel` is set. Ends early,
@@ -789,7 +938,7 @@ impl<'a> Collector<'a> {
     fn collect(
         &mut self,
         batches: &mpsc::Receiver<Computed>,
-        parts: mpsc::SyncSender<Part>,
+        parts: Vec<mpsc::SyncSender<Part>>,
         cancel: Option<&AtomicBool>,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), ComputeError> {
@@ -805,31 +954,23 @@ impl<'a> Collector<'a> {
                 }
                 Err(mpsc::RecvTimeoutError::Disconnected) => break,
             };
-            let batch = batch?;
-            self.summary.row_time += batch.row_time;
-            self.summary.row_time_squared += batch.row_time_squared;
-            self.summary.cut_short += batch.cut_short;
-            if let Some((patch, took)) = batch.slowest
-                && self.summary.slowest.is_none_or(|(_, longest)| took > longest)
-            {
-                self.summary.slowest = Some((patch, took));
-            }
-            self.early.insert(index, batch);
-            while let Some(batch) = self.early.remove(&self.next) {
+            self.early.insert(index, batch?);
+            while let Some(batches) = self.early.remove(&self.next) {
                 self.next += 1;
-                self.append(batch);
-                if self.run.batches.ends.get(self.next_part - 1) == Some(&self.next) {
-                    let part = self.end_part();
-                    if parts.send(part).is_err() {
-                        return Ok(());
+                for ((collector, batch), parts) in self.each.iter_mut().zip(batches).zip(&parts) {
+                    collector.append(batch);
+                    if self.run.batches.ends.get(collector.next_part - 1) == Some(&self.next) {
+                        let part = collector.end_part();
+                        if parts.send(part).is_err() {
+                            return Ok(());
+                        }
                     }
                 }
             }
             self.run.queue.collected(self.next);
             progress(self.progress());
         }
-        self.summary.cancelled = self.summary.rows < self.run.plan.wanted_rows();
-        self.summary.thinning = self.is_thinned().then(|| self.thinned.finish(self.run.plan.min_factor));
+        self.each.iter_mut().for_each(Collector::end);
         Ok(())
     }
 
@@ -845,9 +986,68 @@ impl<'a> Collector<'a> {
             queue.stop_at(self.run.batches.end_from(queue.next()));
         }
     }
+}
+
+impl<'a> Collector<'a> {
+    fn new(run: &'a Run<'a>, plan: &'a Plan, threads: usize) -> Self {
+        let mut collector = Self {
+            run,
+            plan,
+            row_count: plan.elements_of(plan.wanted()),
+            part: Part::new(plan.form),
+            open: OpenRow::new(plan),
+            elements: 0,
+            next_part: 0,
+            thinned: PartThinning::default(),
+            summary: Summary {
+                threads,
+                ..Summary::default()
+            },
+        };
+        collector.part = collector.begin_part();
+        collector
+    }
+
+    fn is_thinned(&self) -> bool {
+        self.plan.min_factor > 0.0
+    }
+
+    /// An empty part. Past the last one nothing comes.
+    fn begin_part(&mut self) -> Part {
+        let index = self.run.batches.parts.get(self.next_part).copied();
+        self.next_part += 1;
+        Part {
+            index: index.unwrap_or(u32::MAX),
+            indptr: vec![0],
+            thinning: self.is_thinned().then(PartThinning::default),
+            ..Part::new(self.plan.form)
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        Progress {
+            rows: self.elements,
+            row_count: self.row_count,
+            entries: self.summary.entries + self.part.indices.len() as u64,
+        }
+    }
+
+    /// Ends the figures.
+    fn end(&mut self) {
+        self.summary.cancelled = self.summary.rows < self.plan.wanted_rows();
+        self.summary.thinning = self.is_thinned().then(|| self.thinned.finish(self.plan.min_factor));
+    }
 
     /// Appends the next batch to the part under way.
     fn append(&mut self, batch: Batch) {
+        self.summary.row_time += batch.row_time;
+        self.summary.row_time_squared += batch.row_time_squared;
+        self.summary.cut_short += batch.cut_short;
+        if let Some((patch, took)) = batch.slowest
+            && self.summary.slowest.is_none_or(|(_, longest)| took > longest)
+        {
+            self.summary.slowest = Some((patch, took));
+        }
         self.summary.counters += batch.counters;
         self.summary.partial += batch.partial;
         self.elements += batch.part.rows.len() as u64;
@@ -867,7 +1067,7 @@ impl<'a> Collector<'a> {
 
     /// Adds the elements of a batch to the rows of their patches.
     fn add_up(&mut self, batch: &Batch) {
-        if self.run.plan.correction != Correction::Pixel {
+        if self.plan.correction != Correction::Pixel {
             self.summary.corrected += batch.pairs;
         }
         for (row, &element) in batch.part.rows.iter().enumerate() {
@@ -900,7 +1100,7 @@ impl<'a> Collector<'a> {
         let summary = &mut self.summary;
         summary.rows += part.rows.len() as u64;
         summary.entries += part.indices.len() as u64;
-        if self.run.plan.correction != Correction::Pixel && self.open.is_none() {
+        if self.plan.correction != Correction::Pixel && self.open.is_none() {
             summary.corrected += part.indices.len() as u64;
         }
         summary.parts += 1;

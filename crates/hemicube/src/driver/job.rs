@@ -13,7 +13,8 @@
 use crate::accuracy::correct::Correction;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{
-    self, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute as compute_rows,
+    self, Band, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary,
+    compute as compute_rows, compute_bands,
 };
 use crate::driver::input::SceneInput;
 use crate::driver::level::{Asked, Level, LevelError, Rows};
@@ -332,23 +333,8 @@ impl Job {
         sessions: Sessions,
         observer: &dyn Observer,
     ) -> Result<Run<'m>, JobError> {
-        let names = Names {
-            emitters: &self.emitters,
-            receivers: &self.receivers,
-            occluders: &self.occluders,
-        };
-        let patches = self
-            .portals
-            .images
-            .as_ref()
-            .map_or_else(|| model.patches(), Images::cell);
-        let selection = Selection::by_name(scene, patches, names)?;
-        self.check_portals(&selection)?;
-        let grouping = Grouping::new(scene, patches, self.patches).map(Arc::new);
-        if let Some(grouping) = &grouping {
-            self.require_whole(&selection, grouping, scene, patches)?;
-            self.require_one_kind_of_optics(grouping, scene, patches)?;
-        }
+        let patches = self.cell(model);
+        let (selection, grouping) = self.selection(scene, model)?;
         let selection = self.with_images(selection, model);
         let patch_count = grouping.as_ref().map_or(patches.len(), |grouping| grouping.len());
         let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
@@ -422,11 +408,36 @@ impl Job {
             threads,
             batch: self.batch,
             plan,
+            bands: Vec::new(),
             render,
             probe,
             model,
             backend,
         })
+    }
+
+    /// The patches of the scene given, without images.
+    fn cell<'p>(&'p self, model: &'p Model) -> &'p Patches {
+        let images = self.portals.images.as_ref();
+        images.map_or_else(|| model.patches(), Images::cell)
+    }
+
+    /// The patches chosen and their grouping. Refuses what rows through portals do not have.
+    fn selection(&self, scene: &SceneInput, model: &Model) -> Result<(Selection, Option<Arc<Grouping>>), JobError> {
+        let names = Names {
+            emitters: &self.emitters,
+            receivers: &self.receivers,
+            occluders: &self.occluders,
+        };
+        let patches = self.cell(model);
+        let selection = Selection::by_name(scene, patches, names)?;
+        self.check_portals(&selection)?;
+        let grouping = Grouping::new(scene, patches, self.patches).map(Arc::new);
+        if let Some(grouping) = &grouping {
+            self.require_whole(&selection, grouping, scene, patches)?;
+            self.require_one_kind_of_optics(grouping, scene, patches)?;
+        }
+        Ok((selection, grouping))
     }
 
     /// Renders trial hemicubes where a forecast or the choice of culling needs them, and makes that choice.
@@ -605,6 +616,8 @@ pub struct Run<'m> {
     /// Worker threads, 1 or more; may be lowered before rows are computed.
     pub threads: usize,
     batch: usize,
+    /// Settings and plans of further bands.
+    bands: Vec<(RowSettings, Plan)>,
     model: &'m Model,
     backend: Box<dyn HemicubeBackend>,
 }
@@ -623,7 +636,27 @@ impl<'m> Run<'m> {
         self.backend.as_ref()
     }
 
-    /// Computes the rows of the plan and hands their parts to `sink`.
+    /// Adds a band: a matrix for other values of the same scene's mirrors and panes, which shares what rows see
+    /// directly with that of `job`. [`Self::open_bands`] takes a place for each.
+    ///
+    /// # Errors
+    /// Those of [`Job::prepare`] for a job of these portals.
+    pub fn with_band(mut self, job: &Job, scene: &SceneInput, portals: Arc<Portals>) -> Result<Self, JobError> {
+        let of_band = Job {
+            portals: Arc::clone(&portals),
+            ..job.clone()
+        };
+        of_band.selection(scene, self.model)?;
+        let settings = RowSettings {
+            portals: Some(portals.record()),
+            ..self.settings.clone()
+        };
+        let plan = self.plan.clone().with_portals(portals);
+        self.bands.push((settings, plan));
+        Ok(self)
+    }
+
+    /// Computes the rows of the plan, without further bands, and hands their parts to `sink`.
     ///
     /// # Errors
     /// Those of [`compute`](compute_rows).
@@ -632,16 +665,6 @@ impl<'m> Run<'m> {
             row_count: self.plan.elements_of(self.plan.wanted()),
             resumed: 0,
         };
-        self.compute_after(stage, sink, observer).1
-    }
-
-    /// Computes the rows of the plan in `stage`. Returns the plan as well.
-    fn compute_after(
-        self,
-        stage: Stage,
-        sink: &mut dyn PartSink,
-        observer: &dyn Observer,
-    ) -> (Plan, Result<Summary, ComputeError>) {
         let _stage = InStage::begin(observer, stage);
         let execution = Execution {
             threads: self.threads,
@@ -649,9 +672,15 @@ impl<'m> Run<'m> {
             cancel: observer.cancel(),
         };
         let progress = &mut |progress| observer.progress(progress);
-        let (plan, render) = (self.plan, self.render);
-        let computed = compute_rows(self.model, &plan, render, self.backend, execution, sink, progress);
-        (plan, computed)
+        compute_rows(
+            self.model,
+            &self.plan,
+            self.render,
+            self.backend,
+            execution,
+            sink,
+            progress,
+        )
     }
 
     /// Makes a store for the rows, or resumes the one at `place`: its parts go to `listener`, and are not computed
@@ -666,18 +695,60 @@ impl<'m> Run<'m> {
         listener: PartListener<'_>,
         observer: &dyn Observer,
     ) -> Result<StoreRun<'m>, StoreError> {
+        self.open_bands(scene, &[place], &mut [listener], observer)
+    }
+
+    /// [`Self::open`] for this run and its further bands, a place and a listener each. Parts that any of the stores
+    /// lacks are computed for all.
+    ///
+    /// # Errors
+    /// As for [`Self::open`].
+    ///
+    /// # Panics
+    /// When places or listeners are not as many as bands, the first included.
+    pub fn open_bands(
+        mut self,
+        scene: &SceneInput,
+        places: &[StorePlace<'_>],
+        listeners: &mut [PartListener<'_>],
+        observer: &dyn Observer,
+    ) -> Result<StoreRun<'m>, StoreError> {
         let _stage = InStage::begin(observer, Stage::Store);
+        let further = std::mem::take(&mut self.bands);
+        assert_eq!(places.len(), further.len() + 1, "a place for each band");
+        assert_eq!(listeners.len(), places.len(), "a listener for each band");
+        let first = (self.settings.clone(), self.plan.clone());
+        let mut stores = Vec::with_capacity(places.len());
+        for (((settings, plan), place), listener) in std::iter::once(first).chain(further).zip(places).zip(listeners) {
+            stores.push(self.open_store(&settings, plan, scene, *place, &mut **listener)?);
+        }
+        let mut missing: Vec<u32> = stores.iter().flat_map(|store| store.missing.iter().copied()).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        Ok(StoreRun {
+            run: self,
+            stores,
+            missing,
+        })
+    }
+
+    fn open_store(
+        &self,
+        settings: &RowSettings,
+        plan: Plan,
+        scene: &SceneInput,
+        place: StorePlace<'_>,
+        listener: PartListener<'_>,
+    ) -> Result<OpenStore, StoreError> {
         let StorePlace {
             directory,
             overwrite,
             shard,
         } = place;
-        let images = self.plan.portals.images.as_ref();
+        let images = plan.portals.images.as_ref();
         let patches = images.map_or_else(|| self.model.patches(), Images::cell);
-        let header = self
-            .settings
-            .header(scene, patches, &scene.file, &self.plan, self.backend.info())?;
-        let grouping = self.plan.groups.as_ref().map(|groups| groups.grouping.as_ref());
+        let header = settings.header(scene, patches, &scene.file, &plan, self.backend.info())?;
+        let grouping = plan.groups.as_ref().map(|groups| groups.grouping.as_ref());
         let table = PatchTable::of(scene, patches, grouping);
         let (writer, resumed) = if overwrite {
             (
@@ -687,28 +758,39 @@ impl<'m> Run<'m> {
         } else {
             StoreWriter::resume(directory, header, &table, shard, self.threads, listener)?
         };
-        Ok(StoreRun {
+        Ok(OpenStore {
             missing: writer.missing_parts(),
-            run: self,
+            plan,
             writer,
             resumed,
         })
     }
 }
 
-/// A run with an open store.
+/// A run with open stores: one, or one a band.
 #[derive(Debug)]
 pub struct StoreRun<'m> {
     run: Run<'m>,
-    writer: StoreWriter,
-    resumed: Resumed,
+    stores: Vec<OpenStore>,
+    /// Parts that any of them lacks.
+    missing: Vec<u32>,
+}
+
+/// An open store of a run.
+#[derive(Debug)]
+pub struct OpenStore {
+    /// The store's writer.
+    pub writer: StoreWriter,
+    /// Parts of an earlier run.
+    pub resumed: Resumed,
+    plan: Plan,
     missing: Vec<u32>,
 }
 
 impl StoreRun<'_> {
-    /// The store's writer.
-    pub fn writer(&self) -> &StoreWriter {
-        &self.writer
+    /// The stores: the run's own, then those of further bands.
+    pub fn stores(&self) -> &[OpenStore] {
+        &self.stores
     }
 
     /// The plan of all rows, resumed ones included.
@@ -716,14 +798,10 @@ impl StoreRun<'_> {
         &self.run.plan
     }
 
-    /// Parts of an earlier run.
-    pub fn resumed(&self) -> &Resumed {
-        &self.resumed
-    }
-
     /// Number of rows still to be computed.
     pub fn missing_rows(&self) -> u64 {
-        let rows = |&part: &u32| u64::from(self.writer.manifest().rows_of_part(part));
+        let Some(first) = self.stores.first() else { return 0 };
+        let rows = |&part: &u32| u64::from(first.writer.manifest().rows_of_part(part));
         self.missing.iter().map(rows).sum()
     }
 
@@ -732,41 +810,92 @@ impl StoreRun<'_> {
     ///
     /// # Errors
     /// [`JobError::Rows`] when rows fail or a part cannot be written; [`JobError::Store`] when the manifest cannot.
+    ///
+    /// # Panics
+    /// With further bands, which [`Self::compute_bands`] has listeners for.
     pub fn compute(self, listener: PartListener<'_>, observer: &dyn Observer) -> Result<Finished, JobError> {
-        let plan = &self.run.plan;
-        let resumed = plan.elements_of(self.writer.manifest().parts.iter().map(|part| part.index));
-        let stage = Stage::Rows {
-            row_count: plan.elements_of(self.missing.iter().copied()) + resumed,
-            resumed,
+        let finished = self.compute_bands(&mut [listener], observer)?;
+        Ok(finished.into_iter().next().expect("a store"))
+    }
+
+    /// [`Self::compute`] for each of the stores, a listener each.
+    ///
+    /// # Errors
+    /// As for [`Self::compute`]; of the first store that fails.
+    ///
+    /// # Panics
+    /// When listeners are not as many as stores.
+    pub fn compute_bands(
+        self,
+        listeners: &mut [PartListener<'_>],
+        observer: &dyn Observer,
+    ) -> Result<Vec<Finished>, JobError> {
+        let Self { run, stores, missing } = self;
+        assert_eq!(listeners.len(), stores.len(), "a listener for each store");
+        let plan = &run.plan;
+        let resumed = stores.iter().map(|store| {
+            let parts = store.writer.manifest().parts.iter().map(|part| part.index);
+            plan.elements_of(parts.filter(|part| missing.binary_search(part).is_err()))
+        });
+        let resumed = resumed.min().unwrap_or(0);
+        let row_count = plan.elements_of(missing.iter().copied()) + resumed;
+        let stage = InStage::begin(observer, Stage::Rows { row_count, resumed });
+        let mut sinks = Vec::with_capacity(stores.len());
+        let mut plans = Vec::with_capacity(stores.len());
+        for (store, listener) in stores.into_iter().zip(listeners) {
+            plans.push(store.plan.with_parts(|part| missing.binary_search(&part).is_ok()));
+            sinks.push(Written {
+                writer: store.writer,
+                resumed: store.resumed,
+                missing: store.missing,
+                listener: &mut **listener,
+            });
+        }
+        let mut bands: Vec<Band<'_>> = plans
+            .iter()
+            .zip(&mut sinks)
+            .map(|(plan, sink)| Band { plan, sink })
+            .collect();
+        let execution = Execution {
+            threads: run.threads,
+            batch: run.batch,
+            cancel: observer.cancel(),
         };
-        let Self {
-            mut run,
-            writer,
-            resumed,
-            missing,
-        } = self;
-        run.plan = run.plan.with_parts(|part| missing.binary_search(&part).is_ok());
-        let mut sink = Written { writer, listener };
-        let (plan, computed) = run.compute_after(stage, &mut sink, observer);
-        let writer = sink.writer;
-        let summary = match computed {
-            Ok(summary) => summary,
-            Err(source) => return Err(Box::new(RowsFailed::new(source, writer)).into()),
+        let progress = &mut |progress| observer.progress(progress);
+        let computed = compute_bands(run.model, &mut bands, run.render, run.backend, execution, progress);
+        drop(bands);
+        drop(stage);
+        let summaries = match computed {
+            Ok(summaries) => summaries,
+            Err(source) => {
+                let mut writers = sinks.into_iter().map(|sink| sink.writer);
+                let first = writers.next().expect("a store");
+                // The others name what they have, too.
+                for writer in writers.filter(|writer| !writer.manifest().parts.is_empty()) {
+                    drop(writer.interrupt());
+                }
+                return Err(Box::new(RowsFailed::new(source, first)).into());
+            }
         };
-        let directory = writer.directory().to_owned();
         let _stage = InStage::begin(observer, Stage::Finish);
-        let manifest = if summary.cancelled {
-            writer.interrupt()?
-        } else {
-            writer.finish()?
-        };
-        Ok(Finished {
-            plan,
-            summary,
-            manifest,
-            directory,
-            resumed,
-        })
+        let mut finished = Vec::with_capacity(plans.len());
+        for ((plan, sink), summary) in plans.into_iter().zip(sinks).zip(summaries) {
+            let Written { writer, resumed, .. } = sink;
+            let directory = writer.directory().to_owned();
+            let manifest = if summary.cancelled {
+                writer.interrupt()?
+            } else {
+                writer.finish()?
+            };
+            finished.push(Finished {
+                plan,
+                summary,
+                manifest,
+                directory,
+                resumed,
+            });
+        }
+        Ok(finished)
     }
 }
 
@@ -784,14 +913,19 @@ impl RowsFailed {
     }
 }
 
-/// Writes parts to a store and hands them to a listener.
+/// Writes parts to a store that lacks them and hands them to a listener.
 struct Written<'a> {
     writer: StoreWriter,
+    resumed: Resumed,
+    missing: Vec<u32>,
     listener: PartListener<'a>,
 }
 
 impl PartSink for Written<'_> {
     fn take(&mut self, part: Part) -> Result<(), StoreError> {
+        if self.missing.binary_search(&part.index).is_err() {
+            return Ok(());
+        }
         self.writer.write_part(&part)?;
         (self.listener)(&part);
         Ok(())

@@ -27,6 +27,7 @@ use crate::accuracy::row::Emitter;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, WHOLE};
 use crate::bvh::Tree;
 use crate::delta::DeltaTable;
+use crate::face::Items;
 use crate::factor::{FactorRule, exchange};
 use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowShares, RowSums};
 use hemicube_scene::InputPatch;
@@ -63,6 +64,8 @@ const PART: f64 = 0.5;
 pub(crate) struct Draft<'r> {
     pub(crate) emitter: InputPatch,
     pub(crate) hemicubes: &'r [Hemicube],
+    /// Their item buffers; empty if they are still to be drawn.
+    pub(crate) items: &'r [Items],
     pub(crate) part: &'r mut Part,
     /// The row's first column and form factor in the part, which has none of earlier rows where these are added up.
     pub(crate) start: usize,
@@ -178,7 +181,7 @@ impl<'a> Extender<'a> {
                 _ => Column::None,
             };
             let brought = if self.pixels.is_some() {
-                let mut brought = self.by_pixels(draft.hemicubes, column, session)?;
+                let mut brought = self.by_pixels(&draft, column, session)?;
                 if self.correction == Correction::Point {
                     // By the angles at which pixels met what depends on them.
                     brought.scale_to(self.sent());
@@ -235,10 +238,11 @@ impl<'a> Extender<'a> {
     /// Follows the pixels that see a portal.
     fn by_pixels(
         &mut self,
-        hemicubes: &[Hemicube],
+        draft: &Draft<'_>,
         column: impl Fn(u32) -> Column,
         session: &mut dyn HemicubeBackend,
     ) -> Result<Brought, BackendError> {
+        let Draft { hemicubes, items, .. } = *draft;
         let Self {
             pixels: Some((table, passes)),
             tracer,
@@ -264,11 +268,18 @@ impl<'a> Extender<'a> {
             .map(|&(patch, _)| patch)
             .filter(|&patch| is_portal(patch))
             .collect();
-        for hemicube in hemicubes {
-            let items = session.items(hemicube)?;
+        for (place, hemicube) in hemicubes.iter().enumerate() {
+            let drawn;
+            let items = match items.get(place) {
+                Some(items) => items,
+                None => {
+                    drawn = session.items(hemicube)?;
+                    &drawn
+                }
+            };
             let view = PixelView {
                 hemicube,
-                items: &items,
+                items,
                 table,
                 fine: FINE,
                 bound,

@@ -35,6 +35,12 @@ pub(crate) trait Buffer {
     /// Sets the bits of the pixels that hit nothing in `out`, a clear mask of the same resolution.
     fn write_escaped(&self, out: &mut EscapedPixels);
 
+    /// Appends the visible id of each pixel of the atlas, row by row.
+    fn write_items(&self, out: &mut Vec<u32>);
+
+    /// Appends the row and column of each pixel of an indexed id, after the reduction.
+    fn pixels_of(&self, id: u32, out: &mut Vec<(usize, usize)>);
+
     /// Adds up the visible weights of each id. With parent triangles, the buffer then knows the visible pixels of each
     /// subdivided one until it is forgotten; without, the buffer is ready to be cleared.
     fn reduce(&mut self, scene: &SharedScene, sums: &mut Sums);
@@ -132,6 +138,20 @@ impl Buffer for DepthBuffer {
         }
     }
 
+    fn write_items(&self, out: &mut Vec<u32>) {
+        out.reserve(self.items.len() * LANES);
+        for chunk in &self.items {
+            out.extend_from_slice(&chunk.0);
+        }
+    }
+
+    fn pixels_of(&self, id: u32, out: &mut Vec<(usize, usize)>) {
+        for place in self.index.of(id) {
+            let run = self.runs[place];
+            out.extend((usize::from(run.start)..usize::from(run.end)).map(|x| (run.row as usize, x)));
+        }
+    }
+
     fn reduce(&mut self, scene: &SharedScene, sums: &mut Sums) {
         scene.isa.reduce(self, &scene.table, sums);
     }
@@ -197,6 +217,14 @@ impl Buffer for OwnershipBuffer {
 
     fn write_escaped(&self, out: &mut EscapedPixels) {
         self.write_uncovered(out);
+    }
+
+    fn write_items(&self, out: &mut Vec<u32>) {
+        self.write_items(out);
+    }
+
+    fn pixels_of(&self, id: u32, out: &mut Vec<(usize, usize)>) {
+        self.pixels_of(id, out);
     }
 
     fn reduce(&mut self, scene: &SharedScene, sums: &mut Sums) {

@@ -6,8 +6,8 @@ use super::distribute::{Distributor, Entry, UNCOUNTED, VisibleParent};
 use super::{ALL_FACES, Faces, Remainder, View, each_face, frame, ids_of};
 use crate::SharedScene;
 use crate::kernel::{
-    Centroids, Count, DepthBuffer, Frame, LanesOnFace, OnFaces, Pass, SceneBox, Sums, Transformed, Turns, bits,
-    prefetch, subpixel_slack, three,
+    Centroids, Count, Frame, LanesOnFace, OnFaces, Pass, SceneBox, Sums, Transformed, Turns, bits, prefetch,
+    subpixel_slack, three,
 };
 use crate::parents::ParentTriangles;
 use glam::DVec3;
@@ -202,6 +202,12 @@ impl<B: Buffer> TreeEngine<B> {
             return;
         }
         self.buffer.reduce(scene, &mut self.sums);
+        self.end_row::<COVERED>(view, out);
+    }
+
+    /// Makes the row after the reduction.
+    fn end_row<const COVERED: bool>(&mut self, view: View<'_>, out: &mut RowBlock) {
+        let scene = view.scene;
         if let Some(parents) = &scene.parents {
             self.row_of_parents::<COVERED>(view, parents, out);
             return;
@@ -605,18 +611,53 @@ impl<B: Buffer> TreeEngine<B> {
     }
 }
 
-impl TreeEngine<DepthBuffer> {
+impl<B: Buffer> TreeEngine<B> {
+    /// The item buffer of a hemicube.
     pub(crate) fn items(&mut self, scene: &SharedScene, hemicube: &Hemicube) -> Items {
         let frame = &frame(scene, hemicube);
         let view = View { scene, frame };
         self.render::<false>(view);
+        let items = self.take_items(view);
+        let (buffer, parents) = (&mut self.buffer, scene.parents.as_ref());
         let patch_count = scene.tree.patch_count;
-        let mut items: Vec<u32> = self.buffer.items.iter().flat_map(|chunk| chunk.0).collect();
+        self.sums.drain(|id, _, _| {
+            if id < patch_count && parents.is_some_and(|parents| parents.subdivided(id).is_some()) {
+                buffer.forget(id);
+            }
+        });
+        self.buffer.clear();
+        items
+    }
+
+    /// A row without covered weights, and its item buffer.
+    pub(crate) fn row_and_items(
+        &mut self,
+        scene: &SharedScene,
+        hemicube: &Hemicube,
+        out: &mut RowBlock,
+    ) -> (Items, Counters) {
+        self.counters = Counters::default();
+        let frame = &frame(scene, hemicube);
+        let view = View { scene, frame };
+        self.render::<false>(view);
+        let items = self.take_items(view);
+        self.end_row::<false>(view, out);
+        (items, self.counters)
+    }
+
+    /// The item buffer of what is drawn. Reduces the buffer.
+    fn take_items(&mut self, view: View<'_>) -> Items {
+        let scene = view.scene;
+        let patch_count = scene.tree.patch_count;
+        let mut items = Vec::new();
+        self.buffer.write_items(&mut items);
+        self.buffer.reduce(scene, &mut self.sums);
         if let Some(parents) = &scene.parents {
-            self.buffer.reduce(scene, &mut self.sums);
-            let mut ids = Vec::new();
-            self.sums.drain(|id, _, _| ids.push(id));
-            for id in ids {
+            let mut ids = std::mem::take(&mut self.ids);
+            self.sums
+                .drain(|id, pixels, weight| ids.push(IdSum { id, pixels, weight }));
+            for IdSum { id, pixels, weight } in ids.drain(..) {
+                self.sums.add(id, pixels, weight);
                 if id < patch_count
                     && let Some(parent) = parents.subdivided(id)
                 {
@@ -630,8 +671,8 @@ impl TreeEngine<DepthBuffer> {
                     self.distribute_items(view, &seen, &mut items);
                 }
             }
+            self.ids = ids;
         }
-        self.buffer.clear_all();
         for id in &mut items {
             *id = match *id {
                 id if id < patch_count => id,
@@ -649,10 +690,8 @@ impl TreeEngine<DepthBuffer> {
     fn distribute_items(&mut self, view: View<'_>, of: &VisibleParent<'_>, items: &mut [u32]) {
         let scene = view.scene;
         let resolution = view.frame.resolution;
-        let runs = self.buffer.index.of(of.id).map(|place| self.buffer.runs[place]);
-        let mut left: Vec<(usize, usize)> = runs
-            .flat_map(|run| (usize::from(run.start)..usize::from(run.end)).map(move |x| (run.row as usize, x)))
-            .collect();
+        let mut left = Vec::new();
+        self.buffer.pixels_of(of.id, &mut left);
         let mut most = None;
         let distributor = &mut self.distributor;
         self.buffer.uncover(of.id, &mut distributor.uncovered);
@@ -692,7 +731,6 @@ impl TreeEngine<DepthBuffer> {
             }
         }
         self.buffer.cover(of.id, &mut self.distributor.uncovered);
-        self.buffer.forget(of.id);
     }
 }
 

@@ -434,6 +434,42 @@ impl OwnershipBuffer {
         (owner.id, owner.depths(face_row, x / LANES * LANES).0[x % LANES])
     }
 
+    /// Calls `each(row, column)` for the pixels of a holding.
+    fn each_pixel(&self, holding: usize, mut each: impl FnMut(usize, usize)) {
+        let groups = self.coverage.groups;
+        let tile = self.holdings[holding].tile as usize;
+        let (row, x) = (tile % groups * GROUP, tile / groups * WIDTH);
+        for (row, &shows) in (row..).zip(&self.shows[holding].0) {
+            let mut left = shows;
+            while left != 0 {
+                each(row, x + left.trailing_zeros() as usize);
+                left &= left - 1;
+            }
+        }
+    }
+
+    /// Appends the visible id of each pixel of the atlas, row by row.
+    pub(crate) fn write_items(&self, out: &mut Vec<u32>) {
+        let resolution = self.coverage.resolution;
+        let start = out.len();
+        out.resize(start + 3 * resolution * resolution, self.nothing);
+        let items = &mut out[start..];
+        for holding in 0..self.holdings.len() {
+            let id = self.owners[self.holdings[holding].owner as usize].id;
+            self.each_pixel(holding, |row, x| items[row * resolution + x] = id);
+        }
+    }
+
+    /// Appends the row and column of each pixel of an indexed id.
+    pub(crate) fn pixels_of(&self, id: u32, out: &mut Vec<(usize, usize)>) {
+        for owner in self.index.of(id) {
+            let Range { start, end } = self.owners[owner].holdings;
+            for holding in start as usize..end as usize {
+                self.each_pixel(holding, |row, x| out.push((row, x)));
+            }
+        }
+    }
+
     /// Adds up the visible weights of each id.
     pub(crate) fn reduce(&mut self, table: &DeltaTable, sums: &mut Sums) {
         for owner in &self.owners {
@@ -947,6 +983,9 @@ mod tests {
         }
         let side = table.resolution() as usize;
         let seen = (0..3 * side).flat_map(|row| (0..side).map(move |x| (row, x)));
+        let mut items = Vec::new();
+        buffer.write_items(&mut items);
+        assert!(seen.clone().map(|(row, x)| buffer.seen_at(row, x).0).eq(items));
         let seen = seen.map(|(row, x)| buffer.seen_at(row, x));
         let seen = seen.map(|(id, depth)| (id, depth.to_bits())).collect();
         let mut sums = Sums::new(PATCHES as usize + 2);
