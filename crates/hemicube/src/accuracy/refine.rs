@@ -1108,8 +1108,8 @@ const EACH_RAYS: usize = 1 << 18;
 const PRIOR_PAIRS: f64 = 16.0;
 /// Rays at each of them.
 const PRIOR_RAYS: usize = 512;
-/// Bound of the steps of each class in a row. A choice: ten times what 16 pairs with a crowded shaft take.
-const PRIOR_STEPS: u64 = 50_000_000;
+/// Bound of the steps of each class in a row. A choice: twice what 16 pairs with a crowded shaft take.
+const PRIOR_STEPS: u64 = 10_000_000;
 
 /// The seed of a pair, the same in both directions.
 fn seed(i: u32, j: u32) -> u64 {
