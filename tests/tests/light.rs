@@ -7,9 +7,11 @@ use hemicube::InputPatch;
 use hemicube::solve::{ArrayFile, STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
 use hemicube_scene::{Patches, ReadOptions, Subdivision};
+use hemicube_tests::random::Random;
 use hemicube_tests::runs::{self, Ran};
 use hemicube_tests::scenes::{scenes_or_skip, workspace};
 use serde_json::Value;
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 struct Place(runs::Place);
@@ -326,6 +328,35 @@ fn every_row_adds_up() {
         adds_up(&scenes.join("interior/aggressor.obj"), "");
         adds_up(&scenes.join("city/denhaag-8897.obj"), "");
     }
+}
+
+/// Thousands of slivers through one point of a room: every row meets the bound on its work with pairs left, whose standard
+/// errors are too small. Sums were up to 1.41.
+#[test]
+fn rows_cut_short_by_their_bound_add_up() {
+    let place = Place::new();
+    place.line("generate room --patches 300 -o room.obj");
+    let mut text = std::fs::read_to_string(place.path("room.obj")).expect("a room");
+    let mut random = Random(7);
+    let mut unit = || random.unit() - 0.5;
+    text.push_str("o slivers\n");
+    let middle = [278.0, 274.0, 280.0];
+    for _ in 0..4000 {
+        let along: [f64; 3] = std::array::from_fn(|_| unit());
+        let length = along.iter().map(|a| a * a).sum::<f64>().sqrt();
+        let end = |side: f64| -> [f64; 3] { std::array::from_fn(|k| middle[k] + side * along[k] / length) };
+        let (start, end) = (end(-180.0), end(180.0));
+        let beside: [f64; 3] = std::array::from_fn(|k| end[k] + 0.36 * unit());
+        for [x, y, z] in [start, end, beside] {
+            writeln!(text, "v {x} {y} {z}").expect("a string");
+        }
+        text.push_str("f -3 -2 -1\n");
+    }
+    std::fs::write(place.path("slivers.obj"), text).expect("written");
+    place.line("compute slivers.obj -o m --sample-rows 8 --two-sided on --quiet");
+    let store = Store::open(&place.path("m")).expect("a store");
+    let [most, ..] = off_one(&store);
+    assert!(most <= 0.02, "{most}");
 }
 
 /// A box of 1.2 × 1.5 × 0.016, finely cut: from most patches some are seen at grazing angles only, by no pixel of a

@@ -194,6 +194,16 @@ const SKY_ONLY: f64 = 4.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;
 
+/// Number of times that the fractions of a row cut short by its bound are moved towards its known sum, each time by
+/// three standard errors at most. Scenes whose rows are cut short are those of which standard errors say too little. A
+/// choice.
+const MOVES_WHEN_CUT_SHORT: usize = 8;
+
+/// The number of times that a row's fractions are moved.
+const fn most_moves(cut_short: bool) -> usize {
+    if cut_short { MOVES_WHEN_CUT_SHORT } else { 1 }
+}
+
 /// A patch in one of the row's hemicubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Seen {
@@ -437,7 +447,7 @@ impl<'c> Converter<'c> {
             }
         }
         if (!is_inconsistent || attempt.is_last) && !attempt.is_large && weights.sees_anything {
-            let added = balance.add_up(emitter, &mut row, refiner, true);
+            let added = balance.add_up(emitter, &mut row, refiner, most_moves(cut_short));
             rays += added.rays + added.points;
         }
         for entry in row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas) {
@@ -483,7 +493,8 @@ impl<'c> Converter<'c> {
         refiner.set(usual);
         let mut row = std::mem::take(&mut refiner.pairs);
         if !refiner.measures_each() && !attempt.is_large && weights.sees_anything {
-            let moves = attempt.is_last || !weights.is_inconsistent_with(row.sum());
+            let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
+            let moves = if may_move { most_moves(refined.cut_short) } else { 0 };
             let emitter = &Emitter::new(balance.model, balance.emitter);
             let added = balance.add_up(emitter, &mut row, refiner, moves);
             refined.rays += added.rays;
@@ -692,14 +703,14 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         })
     }
 
-    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and if `moves`, by
-    /// moving uncertain fractions.
+    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving uncertain
+    /// fractions, `moves` times at most.
     fn add_up(
         &mut self,
         emitter: &Emitter<'_>,
         row: &mut impl UnfinishedRow,
         refiner: &mut Refiner<'_>,
-        moves: bool,
+        moves: usize,
     ) -> Refined {
         let mut refined = Refined::default();
         let Some(lacking) = self.lacking(emitter, row.sum()) else {
@@ -710,7 +721,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
             refined = refiner.find_unseen(emitter, lacking.sum, is_known);
             row.insert(&refiner.unseen);
         }
-        if let (true, Some(lacking)) = (moves, self.lacking(emitter, row.sum())) {
+        for _ in 0..moves {
+            let Some(lacking) = self.lacking(emitter, row.sum()) else {
+                break;
+            };
             refiner.move_fractions(emitter, row, lacking);
         }
         refined
