@@ -178,6 +178,20 @@ def specular(program, folder, scene):
         plain, _, _ = cost(program, folder, ["facade.obj", *level], sample)
         through, _, _ = cost(program, folder, ["facade.obj", "--specular", "facade.toml", *level], sample)
         print(f"{' '.join(level) or 'default'} | {plain:.2f} | {through:.2f} | {through / plain:.2f}", flush=True)
+    bands = 'bands = ["light", "heat"]\n[material.glass]\nspecular = [0.1, 0.15]\ntransmittance = [0.7, 0.2]\n'
+    (folder / "bands.toml").write_text(bands)
+    print("two bands | s of one | of both | times")
+    for level in LEVELS:
+        rows = ["facade.obj", *level, "--sample-rows", "400", "-o", "bands"]
+        seconds = []
+        for file in ("facade.toml", "bands.toml"):
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            line = [program, "compute", *rows, "--specular", file, "--overwrite", "--threads", "1", "--quiet"]
+            subprocess.run(line, cwd=folder, check=True)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        one, both = seconds
+        print(f"{' '.join(level) or 'default'} | {one:.2f} | {both:.2f} | {both / one:.2f}", flush=True)
 
 
 def tube(folder, facets, rings):
