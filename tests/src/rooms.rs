@@ -74,7 +74,8 @@ pub fn zones(place: &Place, store: &str) -> Zones {
     let mut zones = Zones::new();
     for line in lines {
         for (name, value) in head.iter().zip(&line).skip(1) {
-            if !["patches", "area"].contains(name) {
+            // Empty: no row was computed.
+            if !["patches", "area"].contains(name) && !value.is_empty() {
                 let pair = (line[0].to_owned(), (*name).to_owned());
                 zones.insert(pair, value.parse().expect("a number"));
             }
