@@ -82,7 +82,7 @@ fn a_file_without_triangles_says_what_it_has_instead() {
 
 /// A wall, two triangles, and a low one before it, of which the upper half of the first sees less.
 const WALLS: &str = "v 0 0 0\nv 6 0 0\nv 6 0 6\nv 0 0 6\no wall\nf 4 3 2 1\n\
-                     v 0 4 -2\nv 6 4 -2\nv 6 4 2\nv 0 4 2\no low\nf 5 6 7 8\n";
+                     v 0 1.5 -2\nv 6 1.5 -2\nv 6 1.5 1\nv 0 1.5 1\no low\nf 5 6 7 8\n";
 
 #[test]
 fn the_sky_settles_with_the_ground_below_it() {
