@@ -330,8 +330,8 @@ fn every_row_adds_up() {
     }
 }
 
-/// Thousands of slivers through one point of a room: every row meets the bound on its work with pairs left, whose standard
-/// errors are too small. Sums were up to 1.41.
+/// Thousands of slivers through one point of a room: every row meets the bound on its work with pairs left, whose
+/// standard errors are too small. Sums were up to 1.41.
 #[test]
 fn rows_cut_short_by_their_bound_add_up() {
     let place = Place::new();
@@ -413,8 +413,8 @@ fn shares_of_open_scenes_are_refined_and_two_plates_stay_what_they_are() {
     }
 }
 
-/// A unit square below the back of another, h = ½ apart: no form factor tells the sky from the back. The back takes what
-/// the front would: F = 0.415253 (Howell C-11).
+/// A unit square below the back of another, h = ½ apart: no form factor tells the sky from the back. The back takes
+/// what the front would: F = 0.415253 (Howell C-11).
 #[test]
 fn the_sky_is_told_from_backs_though_every_form_factor_is_zero() {
     let place = Place::new();

@@ -486,8 +486,8 @@ impl<'m> Reference<'m> {
     }
 
     /// Casts rays over the hemisphere until looking at the unmet patches costs no more than the rays did. Returns the
-    /// bound from which on patches must be looked at for the target, or can be if there are no more rays; and whether it
-    /// is the target's.
+    /// bound from which on patches must be looked at for the target, or can be if there are no more rays; and whether
+    /// it is the target's.
     fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> (f64, bool) {
         let ReferenceSettings { target, seed, .. } = self.settings;
         facing.find(self.model, sight);

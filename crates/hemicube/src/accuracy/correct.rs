@@ -703,8 +703,8 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         })
     }
 
-    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving uncertain
-    /// fractions, `moves` times at most.
+    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
+    /// uncertain fractions, `moves` times at most.
     fn add_up(
         &mut self,
         emitter: &Emitter<'_>,

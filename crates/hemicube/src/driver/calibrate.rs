@@ -9,8 +9,8 @@
 //! closed forms. Everything depends on the scene, the settings and the seed, never on a clock.
 //!
 //! Settling is bounded, as rows are: its rows tried with a quarter of the tolerance take sixteen times the steps of a
-//! row's bound at most, and so do its efforts. Where the first do, fewer rows are tried, evenly from the sample; where the
-//! second do, the effort is the last one's in proportion to its error, and the reason says so. A row tried that its
+//! row's bound at most, and so do its efforts. Where the first do, fewer rows are tried, evenly from the sample; where
+//! the second do, the effort is the last one's in proportion to its error, and the reason says so. A row tried that its
 //! bound cut short has its own expected error on top of what efforts differ from it by.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
@@ -93,8 +93,8 @@ const LEAST_SHARED: f64 = 1.0 / 16.0;
 /// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
 const LEAST_ESTIMATE: f64 = 0.05;
 const MOST_ESTIMATE: f64 = 4.0;
-/// Bound of the steps of the rows tried with a quarter of the tolerance, and of the efforts tried, in bounds of a row. A
-/// choice.
+/// Bound of the steps of the rows tried with a quarter of the tolerance, and of the efforts tried, in bounds of a row.
+/// A choice.
 const BOUND_IN_ROWS: u64 = 16;
 /// Number of rows, and of their twins, that are tried at once.
 const CHUNK: usize = 8;

@@ -12,10 +12,10 @@
 //! through both (EV events; Heckbert 1992, Drettakis & Fiume 1994). Across such a line B has a kink in its second
 //! derivative, in its first one where edges are parallel, and a step where an occluder stands on the outer triangle.
 //! Cells are integrated by Radon's seven points of degree 5, and by nineteen of degree 8 that hold these seven (Laurie
-//! 1982). A cell's error is the difference of the two, more where they agree and three other null rules do not, and more
-//! where a critical line crosses it. The cell with the largest error is cut along the critical line that divides it most
-//! evenly, or in halves where none does, until all errors together are small enough. Places where three edges pass each
-//! other (EEE events) are curved; they are left to the halving.
+//! 1982). A cell's error is the difference of the two, more where they agree and three other null rules do not, and
+//! more where a critical line crosses it. The cell with the largest error is cut along the critical line that divides
+//! it most evenly, or in halves where none does, until all errors together are small enough. Places where three edges
+//! pass each other (EEE events) are curved; they are left to the halving.
 //!
 //! No arrangement of all critical lines from the start, because a pair between two boxes has a hundred of them, and
 //! thousands of cells, of which a few hold all of the error.
@@ -52,8 +52,8 @@ const LEAST_SHARE: f64 = 0.02;
 const MISSED: f64 = 0.2;
 /// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
 const UNEVEN: f64 = 4.0;
-/// Part of the length of all four null rules that is the least difference of the two rules. Chosen by the same rooms, of
-/// which 0.3 left a factor 8 bounds off.
+/// Part of the length of all four null rules that is the least difference of the two rules. Chosen by the same rooms,
+/// of which 0.3 left a factor 8 bounds off.
 const BY_CHANCE: f64 = 1.0;
 /// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
 const MOST_FACES: usize = 6;
@@ -1393,8 +1393,8 @@ mod tests {
         (sums, points)
     }
 
-    /// Eight points at a time and pieces of polygons are two ways to the same sums: between boxes that float, stand on the
-    /// floor, touch each other and stand in one plane, and plates that cross them.
+    /// Eight points at a time and pieces of polygons are two ways to the same sums: between boxes that float, stand on
+    /// the floor, touch each other and stand in one plane, and plates that cross them.
     #[test]
     fn intervals_of_edges_are_worth_what_pieces_of_polygons_are() {
         let p = DVec3::new;

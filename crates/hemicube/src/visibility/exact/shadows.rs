@@ -1,18 +1,18 @@
 //! The factor from eight points at once to the part of a polygon in the shadows of its occluders.
 //!
-//! An occluder's shadow is a convex cone over its outline. The boundary of the union of all shadows on the polygon is made
-//! of arcs: parts of the polygon's edges inside a shadow, and parts of the shadows' edges inside the polygon and outside of
-//! all other shadows. On an edge a + s (b − a), 0 ≤ s ≤ 1, each plane of a cone leaves an interval of s. So shadows take
-//! intervals and their differences, no polygons, and eight points take the same way through the code. Lambert's term of
-//! an arc, with ν the normal of its plane towards the inside and n that of the element, is
+//! An occluder's shadow is a convex cone over its outline. The boundary of the union of all shadows on the polygon is
+//! made of arcs: parts of the polygon's edges inside a shadow, and parts of the shadows' edges inside the polygon and
+//! outside of all other shadows. On an edge a + s (b − a), 0 ≤ s ≤ 1, each plane of a cone leaves an interval of s. So
+//! shadows take intervals and their differences, no polygons, and eight points take the same way through the code.
+//! Lambert's term of an arc, with ν the normal of its plane towards the inside and n that of the element, is
 //!
 //! ```text
 //! 1/(2π)  n · ν / |ν|  angle(p, q)
 //! ```
 //!
-//! An edge in a plane of another cone, but for rounding: where both have their insides on the same side, it belongs to the
-//! cone with the smaller number; where on opposite sides, as of two walls with a common edge, it belongs to both, and
-//! their terms cancel. The polygon's own edges go before all cones'.
+//! An edge in a plane of another cone, but for rounding: where both have their insides on the same side, it belongs to
+//! the cone with the smaller number; where on opposite sides, as of two walls with a common edge, it belongs to both,
+//! and their terms cancel. The polygon's own edges go before all cones'.
 
 use crate::factor::{LANES, angle_portable as angle};
 use crate::simd::{InstructionSet, dispatch};
@@ -27,8 +27,8 @@ type Vector = [Lane; 3];
 const MOST_PIECES: usize = 16;
 /// Bound of the polygon's corners.
 const MOST_CORNERS: usize = 4;
-/// Height of a point in a plane but for rounding, in sizes of the pair; rounding of a volume in their cubes; and the area
-/// of an edge and a point, in their squares, below which both are no plane: two corners are one.
+/// Height of a point in a plane but for rounding, in sizes of the pair; rounding of a volume in their cubes; and the
+/// area of an edge and a point, in their squares, below which both are no plane: two corners are one.
 const IN_PLANE: f64 = 1e-12;
 const ROUNDING: f64 = 2e-15;
 const NO_PLANE: f64 = 1e-11;
@@ -44,8 +44,8 @@ struct Gate {
     always: Option<bool>,
 }
 
-/// An edge of an occluder from `a` to `b`: of its outline from points in front of one of its gates alone. In front of the
-/// first, its shadow is on the left of the edge as seen from there, in front of the second on the right.
+/// An edge of an occluder from `a` to `b`: of its outline from points in front of one of its gates alone. In front of
+/// the first, its shadow is on the left of the edge as seen from there, in front of the second on the right.
 #[derive(Clone, Copy, Debug)]
 struct OutlineEdge {
     a: DVec3,
@@ -531,8 +531,9 @@ mod tests {
         (body, quads)
     }
 
-    /// From points of a floor on which two boxes stand, apart, side by side, one raised, one moved along: two silhouettes
-    /// hide of a wall what all twelve faces do, of one side or of two, whose edges all coincide with others.
+    /// From points of a floor on which two boxes stand, apart, side by side, one raised, one moved along: two
+    /// silhouettes hide of a wall what all twelve faces do, of one side or of two, whose edges all coincide with
+    /// others.
     #[test]
     fn a_body_hides_what_its_faces_do() {
         let p = DVec3::new;
