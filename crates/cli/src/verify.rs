@@ -316,7 +316,7 @@ pub(crate) struct Verification {
     seed: u64,
     reference_target: f64,
     /// Reference rows that the bound on their rays ended off that target; their errors hold what was left.
-    #[serde(skip_serializing_if = "is_none")]
+    #[serde(skip_serializing_if = "is_zero")]
     reference_cut_short: u64,
     tolerance: Option<f64>,
     verdict: Option<Verdict>,
@@ -329,7 +329,7 @@ pub(crate) struct Verification {
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
-fn is_none(count: &u64) -> bool {
+fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 

@@ -581,7 +581,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     Ok(exit)
 }
 
-/// What is known of a run that is over.
+/// Settings and surroundings for reports on a finished run.
 struct Ending<'a> {
     arguments: &'a Arguments,
     prepared: &'a Prepared,

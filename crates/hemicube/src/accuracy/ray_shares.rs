@@ -21,7 +21,7 @@ const LEAST: usize = 256;
 const MOST: usize = 1 << 14;
 /// Largest number of rays for a permitted error below [`FINE`]: shares within 5·10⁻⁴. A choice.
 const MOST_FINE: usize = 1 << 16;
-/// Permitted error below which form factors are measured by exact visibility in small scenes. A choice.
+/// Permitted error below which a row may take [`MOST_FINE`] rays. A choice.
 const FINE: f64 = 1e-3;
 /// Blocks of triangles met after which no further rays are cast: thousands of triangles in one place are met by every
 /// ray to it. About half a second of work. A choice.

@@ -534,7 +534,7 @@ struct BatchRow {
     hemicubes: Range<usize>,
 }
 
-/// What a worker knows of a band.
+/// A worker's state of one band.
 struct WorkerBand<'a> {
     plan: &'a Plan,
     columns: ColumnSums,
@@ -615,6 +615,10 @@ struct Unfinished<'r> {
     items: &'r [Items],
     converted: Converted,
 }
+
+/// Bound of the pixels of one row's item buffers that are kept until its portals are followed: 64 MiB. Of larger rows
+/// each hemicube is drawn again.
+const MOST_PIXELS_KEPT: u64 = 1 << 24;
 
 /// Computes batches on a thread of its own.
 struct Worker<'a> {
@@ -719,14 +723,18 @@ impl<'a> Worker<'a> {
         Ok(batches)
     }
 
-    /// Renders and checks a row with its item buffers.
+    /// Renders and checks a row, with its item buffers unless they exceed [`MOST_PIXELS_KEPT`].
     fn draw(&mut self, emitter: InputPatch, hemicubes: &[Hemicube]) -> Result<Counters, ComputeError> {
         self.rows.clear();
         self.items.clear();
         let session = self.session.as_mut();
-        let counters = session
-            .rows_and_items(hemicubes, &mut self.rows, &mut self.items)
-            .map_err(|source| failed(session, source))?;
+        let pixels = 3 * u64::from(self.run.settings.resolution).pow(2) * hemicubes.len() as u64;
+        let drawn = if pixels <= MOST_PIXELS_KEPT {
+            session.rows_and_items(hemicubes, &mut self.rows, &mut self.items)
+        } else {
+            session.rows(hemicubes, &mut self.rows)
+        };
+        let counters = drawn.map_err(|source| failed(session, source))?;
         check(
             session,
             self.run.model,

@@ -644,6 +644,23 @@ pub(crate) mod tests {
         [[a, b, c], [a, c, d]]
     }
 
+    /// Corners of a box's faces, counter-clockwise as seen from outside. Bits 0, 1 and 2 of a corner's number tell the far
+    /// end in x, y and z.
+    pub(crate) const BOX_FACES: [[usize; 4]; 6] = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+
+    /// A corner of a box by its number in [`BOX_FACES`].
+    pub(crate) fn box_corner(low: DVec3, size: DVec3, number: usize) -> DVec3 {
+        let end = |bit: usize| f64::from(u8::from(number >> bit & 1 == 1));
+        low + size * DVec3::new(end(0), end(1), end(2))
+    }
+
     fn precision(enough: f64, along_contacts: bool) -> Precision {
         Precision {
             enough,

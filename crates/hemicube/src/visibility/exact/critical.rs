@@ -1145,7 +1145,7 @@ mod tests {
     use super::*;
     use crate::Model;
     use crate::factor::{FactorRule, exchange};
-    use crate::visibility::exact::tests::{model_of, model_with_sides, quad};
+    use crate::visibility::exact::tests::{BOX_FACES, box_corner, model_of, model_with_sides, quad};
     use crate::visibility::segments::Obstacles;
     use crate::visibility::shaft::PatchTriangle;
     use glam::DQuat;
@@ -1313,16 +1313,7 @@ mod tests {
 
     /// The six faces of a box, seen from outside.
     fn faces(low: DVec3, size: DVec3) -> [[[DVec3; 3]; 2]; 6] {
-        let at = |k: u32| low + size * DVec3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2));
-        let corners = [
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-        ];
-        corners.map(|face| quad(face.map(at)))
+        BOX_FACES.map(|face| quad(face.map(|number| box_corner(low, size, number))))
     }
 
     /// A closed room with two boxes, afloat or on the floor: what leaves a wall reaches something, whatever the turn.

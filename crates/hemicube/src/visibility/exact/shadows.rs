@@ -486,23 +486,13 @@ mod tests {
     use super::*;
     use crate::geometry::{Plane, cross};
     use crate::sampling::splitmix;
+    use crate::visibility::exact::tests::{BOX_FACES, box_corner};
     use glam::DQuat;
 
     /// A box: the body, and its faces, counter-clockwise as seen from outside.
     fn solid(low: DVec3, size: DVec3, turn: DQuat) -> (Body, Vec<[DVec3; 4]>) {
-        let at = |k: usize| {
-            let corner = DVec3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64);
-            turn * (low + size * corner)
-        };
-        let corners = [
-            [0, 2, 3, 1],
-            [4, 5, 7, 6],
-            [0, 1, 5, 4],
-            [2, 6, 7, 3],
-            [0, 4, 6, 2],
-            [1, 3, 7, 5],
-        ];
-        let quads = corners.map(|face| face.map(at)).to_vec();
+        let at = |number: usize| turn * box_corner(low, size, number);
+        let quads = BOX_FACES.map(|face| face.map(at)).to_vec();
         let faces = quads.iter().map(|&[a, b, c, _]| {
             let normal = cross(&[a, b, c]).normalize();
             Plane {
@@ -511,10 +501,10 @@ mod tests {
             }
         });
         let mut edges = Vec::new();
-        for (left, face) in corners.iter().enumerate() {
+        for (left, face) in BOX_FACES.iter().enumerate() {
             for k in 0..4 {
                 let (a, b) = (face[k], face[(k + 1) % 4]);
-                let other = corners
+                let other = BOX_FACES
                     .iter()
                     .position(|other| (0..4).any(|m| other[m] == b && other[(m + 1) % 4] == a));
                 edges.extend(other.filter(|&right| left < right).map(|right| BodyEdge {
