@@ -2,6 +2,7 @@
 
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
+use glam::DVec3;
 use hemicube_contract::backend::{Geometry, Hemicube};
 use hemicube_contract::bvh::distance;
 use hemicube_contract::face::Face;
@@ -34,40 +35,30 @@ const HEMICUBES_BACK: u32 = 8;
 pub const FIRST_STAMP: u32 = HEMICUBES_BACK + 1;
 
 /// Logarithms to base 2 of the near plane's distance, in half sides of the scene: its range. A GPU clips a triangle that
-/// passes the eye in f32, and its new corners are off by some 2⁻²³ of the triangle: nearer than the upper end, one may
-/// end behind the eye, and the triangle is lost (measured on an NVIDIA H100, driver 580: docs/gpu.md). Mesa's drivers on
-/// the processor take any distance.
+/// passes the eye in f32, and its new corners are off by some 2⁻²³ of the triangle. With a nearer plane they may end
+/// behind the eye, and the triangle is lost: any triangle below the upper end, the smaller ones further down (measured on
+/// an NVIDIA H100, driver 580: docs/gpu.md). Mesa's drivers on the processor take any distance.
 const NEAR: RangeInclusive<i32> = -30..=-20;
 
-/// Longest edge of an emitter, in half sides of the scene, from which on nothing nearer than the upper end of [`NEAR`]
-/// is looked for: that is a part in 64 of it.
-const LARGE: f64 = 6.103_515_625e-5;
-
-/// The distance of a hemicube's near plane, in half sides of the scene: 2⁻²⁰; of a sensor, or an emitter with edges below
-/// 2⁻¹⁴, a power of two of at most a quarter of the distance to the nearest other surface, from 2⁻³⁰ to 2⁻²⁰.
+/// The distance of a hemicube's near plane, in half sides of the scene: 2⁻²⁰, or a power of two of at most a quarter of
+/// the distance to the nearest surface above the hemicube's plane, if that is less, and at least 2⁻³⁰. Houses may share
+/// walls 10⁻⁷ apart.
 pub fn near(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> f64 {
     let own = hemicube.emitter.map(|e| upload.surface_of_patch[e.0 as usize]);
-    let most = f64::from(*NEAR.end()).exp2();
-    if own.is_some_and(|own| {
-        let [a, b, c] = geometry.surfaces[own as usize].corners;
-        a.distance(b).max(b.distance(c)).max(c.distance(a)) >= LARGE
-    }) {
-        return most;
-    }
-    let mut nearest = 4.0 * most;
-    let order = geometry.octree.order();
-    if order.len() == geometry.surfaces.len() {
-        geometry.octree.visit_front_to_back(hemicube.origin, |_, node| {
-            if node.bounds.distance_squared(hemicube.origin) >= nearest * nearest {
+    let mut nearest = 4.0 * f64::from(*NEAR.end()).exp2();
+    if geometry.octree.order().len() == geometry.surfaces.len() {
+        let eye = hemicube.origin;
+        geometry.octree.visit_front_to_back(eye, |_, node| {
+            if node.bounds.distance_squared(eye) >= nearest * nearest {
                 return Visit::Skip;
             }
-            for index in node.own() {
-                let corners = &geometry.surfaces[index as usize].corners;
-                let rises = corners
-                    .iter()
-                    .any(|&corner| hemicube.axes[2].dot(corner - hemicube.origin) > geometry.plane_tolerance);
-                if rises && own != Some(index) {
-                    nearest = nearest.min(distance(hemicube.origin, corners));
+            if node.own_bounds.distance_squared(eye) < nearest * nearest {
+                for index in node.own().filter(|&index| own != Some(index)) {
+                    let corners = &geometry.surfaces[index as usize].corners;
+                    let height = |&corner: &DVec3| hemicube.axes[2].dot(corner - eye);
+                    if corners.iter().any(|corner| height(corner) > geometry.plane_tolerance) {
+                        nearest = nearest.min(distance(eye, corners));
+                    }
                 }
             }
             Visit::Descend

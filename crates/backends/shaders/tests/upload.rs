@@ -234,7 +234,7 @@ fn near_planes(triangles: &[[DVec3; 3]]) -> Vec<f64> {
 }
 
 #[test]
-fn the_near_plane_is_before_all_that_a_small_emitter_sees() {
+fn the_near_plane_is_before_all_that_an_emitter_sees() {
     let facing = |side: f64, height: f64| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p * side + DVec3::Z * height);
     let turned = |[a, b, c]: [DVec3; 3]| [a, c, b];
     let far = facing(1.0, 2.0);
@@ -245,4 +245,7 @@ fn the_near_plane_is_before_all_that_a_small_emitter_sees() {
     // Half a side of this scene's cube is 1, as high as it is: the distance is 4e-7.
     assert!(beside[1] <= 1e-7 && beside[1] > 4e-8, "{beside:?}");
     assert_eq!(beside[0], 2f64.powi(-20));
+    // Walls of two houses, 10⁻⁷ apart.
+    let walls = near_planes(&[facing(1.0, 0.0), turned(facing(1.0, 1e-7)), turned(facing(1.0, 1.0))]);
+    assert!(walls[0] <= 5e-8 && walls[0] > 1e-8, "{walls:?}");
 }
