@@ -189,6 +189,106 @@ fn common_edges_at_any_angle() {
     tally.finish("common edges");
 }
 
+/// A box: its lowest corner and its size.
+type Block = [[f64; 3]; 2];
+
+/// A pair beside boxes that touch one of the two, and the plates that are all of what hides one from the other.
+struct Touching {
+    pair: [Triangle; 2],
+    boxes: Vec<Block>,
+    plates: Vec<Vec<DVec3>>,
+}
+
+fn touching() -> Vec<Touching> {
+    let p = DVec3::new;
+    let level = |[x, u]: [f64; 2], [y, v]: [f64; 2], z| vec![p(x, y, z), p(u, y, z), p(u, v, z), p(x, v, z)];
+    let across_x = |x, [y, v]: [f64; 2], [z, w]: [f64; 2]| vec![p(x, y, z), p(x, v, z), p(x, v, w), p(x, y, w)];
+    let across_y = |[x, u]: [f64; 2], y, [z, w]: [f64; 2]| vec![p(x, y, z), p(u, y, z), p(u, y, w), p(x, y, w)];
+    vec![
+        // Two boxes side by side: of the side of one, the other leaves a corner in sight.
+        Touching {
+            pair: [
+                [p(3.452, 4.075, 0.0), p(4.107, 4.075, 0.849), p(4.107, 4.075, 0.0)],
+                [p(6.0, 0.0, 0.0), p(6.0, 0.0, 3.0), p(6.0, 5.0, 3.0)],
+            ],
+            boxes: vec![
+                [[3.452, 3.18, 0.0], [0.655, 0.895, 0.849]],
+                [[4.107, 3.18, 0.0], [0.428, 1.236, 0.833]],
+            ],
+            plates: vec![
+                across_x(4.107, [3.18, 4.416], [0.0, 0.833]),
+                level([4.107, 4.535], [3.18, 4.416], 0.833),
+            ],
+        },
+        // A box on another: at its foot, the edge of what it stands on hides something of the wall.
+        Touching {
+            pair: [
+                [p(2.039, 2.087, 1.077), p(2.039, 2.679, 2.242), p(2.039, 2.087, 2.242)],
+                [p(0.0, 0.0, 0.0), p(6.0, 0.0, 3.0), p(6.0, 0.0, 0.0)],
+            ],
+            boxes: vec![
+                [[1.837, 2.054, 0.0], [0.667, 0.586, 1.077]],
+                [[2.504, 2.054, 0.0], [0.734, 1.336, 1.1]],
+                [[1.57, 2.087, 1.077], [0.469, 0.592, 1.165]],
+            ],
+            plates: vec![
+                level([1.837, 2.504], [2.054, 2.64], 1.077),
+                across_x(2.504, [2.054, 3.39], [0.0, 1.1]),
+                level([2.504, 3.238], [2.054, 3.39], 1.1),
+            ],
+        },
+        // The end of a thin plate, above another that lies on the floor.
+        Touching {
+            pair: [
+                [p(0.69, 1.682, 0.0), p(0.69, 1.682, 0.869), p(0.7, 1.682, 0.869)],
+                [p(3.0, 5.0, 0.0), p(6.0, 5.0, 0.0), p(6.0, 5.0, 1.5)],
+            ],
+            boxes: vec![
+                [[0.246, 1.827, 0.0], [0.759, 1.09, 0.01]],
+                [[0.69, 1.169, 0.0], [0.01, 0.513, 0.869]],
+            ],
+            plates: vec![
+                across_y([0.246, 1.005], 1.827, [0.0, 0.01]),
+                level([0.246, 1.005], [1.827, 2.917], 0.01),
+            ],
+        },
+    ]
+}
+
+/// Beyond a critical line near an occluder, all of a target may be hidden within a share of a cell that no point lies in:
+/// 1.9 to 12.8 bounds off, as long as a cell's error did not know how near.
+#[test]
+fn boxes_that_touch_keep_the_tolerance() {
+    let mut tally = Tally::default();
+    for (number, Touching { pair, boxes, plates }) in touching().into_iter().enumerate() {
+        let (exact, error) = Obstructed {
+            emitter: &pair[0],
+            receiver: &pair[1],
+            plates: &plates,
+        }
+        .factor(1e-7);
+        let back = polygon_area(&pair[0]) / polygon_area(&pair[1]);
+        let boxes = boxes.iter().flat_map(|&[low, size]| {
+            let [low, size] = [low, size].map(DVec3::from_array);
+            let faces = box_inside(DVec3::ONE).into_iter();
+            faces.flat_map(move |face| quad(flipped(face).map(|p| low + p * size)))
+        });
+        let scene = scene_of(pair.into_iter().chain(boxes));
+        for motion in [AS_IT_IS, ROTATED] {
+            let (_, found) = measured(scene.clone(), motion, ASKED);
+            for (from, to, ratio) in [(0, 1, 1.0), (1, 0, back)] {
+                tally.hold(
+                    || format!("boxes {number}, {}: {from} to {to}", motion.0),
+                    found.get(InputPatch(from), InputPatch(to)),
+                    exact * ratio,
+                    bound(exact * ratio, ASKED) + error * ratio,
+                );
+            }
+        }
+    }
+    tally.finish("boxes that touch");
+}
+
 /// Boxes of a room of 6 × 5 × 3 that float in it, apart from each other: their lowest corners and sizes.
 fn boxes() -> impl Strategy<Value = Vec<[DVec3; 2]>> {
     let coordinate = |low: i32, high: i32| (low..high).prop_map(|n| f64::from(n) / 1e3);

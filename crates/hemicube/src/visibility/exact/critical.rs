@@ -22,7 +22,7 @@
 
 use super::shadows::Shadows;
 use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, Sides};
-use crate::factor::{EdgeTerms, LANES, RULES, contour, nineteen, null_rules};
+use crate::factor::{EdgeTerms, LANES, RULES, contour, nineteen, null_rules, point_to_polygon};
 use crate::geometry::{self, crossing, in_front};
 use crate::visibility::bodies::{Bodies, BodyEdge};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -38,18 +38,20 @@ const MOST_PIECES: usize = 200;
 const MOST_CORNERS: usize = 20;
 /// Pieces with more corners are cut in two.
 const MANY: usize = 8;
-/// Bound of the occluders among which lines of an edge of one and a corner of another are sought.
-const MOST_CROSSED: usize = 12;
+/// Bound of the occluders among which lines of an edge of one and a corner of another are sought: in a room of 300
+/// triangles 0.3 % of the pairs have more than twelve, and none more than 24.
+const MOST_CROSSED: usize = 24;
 /// Bound of the critical lines of a pair.
-const MOST_LINES: usize = 2_000;
+const MOST_LINES: usize = 8_000;
+/// Share of a cell beyond a line that was not sought, where two occluders or more matter to it.
+const UNSOUGHT: f64 = LEAST_SHARE;
 /// Distance in the outer plane, in parts of the pair's extent, up to which a line passes beside a cell.
 const BESIDE: f64 = 1e-10;
 /// Share of a cell's area below which the part beyond a line is not worth a cut.
 const LEAST_SHARE: f64 = 0.02;
-/// Part of a cell's factor that its points may miss beyond a critical line, for s^1.5, s the share of its area there: a
-/// shadow that begins along the line grows with the distance, √s in a corner. Chosen by the rooms of
-/// `tests/tests/exact_extremes.rs`, whose factors 0.05 s² left up to 30 bounds off.
-const MISSED: f64 = 0.2;
+/// Mean distance from a line over a part of a cell beyond it, in parts of the greatest one: 1/3 over a triangle, 1/2 over
+/// a strip.
+const MEAN_DEPTH: f64 = 0.5;
 /// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
 const UNEVEN: f64 = 4.0;
 /// Part of the length of all four null rules that is the least difference of the two rules. Chosen by the same rooms,
@@ -78,6 +80,37 @@ struct Line {
     of: [u32; 2],
     /// True if an occluder stands on the outer triangle there: B has a step.
     is_contact: bool,
+}
+
+/// How much of ∫ B over a cell may lie beyond its lines, seen by none of its points.
+///
+/// At a depth h beyond a line, an edge or a corner at a distance d has turned by h / d at most, as seen from there. It has
+/// swept a band of the target of that width.
+struct Missed {
+    /// The greatest unoccluded factor from a corner of the cell, times its area.
+    whole: f64,
+    /// The greatest factor of a band for each radian of its width, times the area of the cell.
+    of_band: f64,
+    /// The most beyond one of the lines so far.
+    most: f64,
+}
+
+impl Missed {
+    fn of(cell: &[DVec3; 3], normal: DVec3, view: &View<'_>) -> Self {
+        let area = geometry::area(cell);
+        let from_corners = cell.map(|x| point_to_polygon(x, normal, view.target));
+        Self {
+            whole: area * from_corners.into_iter().fold(0.0, f64::max),
+            of_band: area * view.reach(cell),
+            most: 0.0,
+        }
+    }
+
+    /// The most beyond a line of an edge at a distance, in a share of the cell that goes so deep.
+    fn beyond(&self, share: f64, depth: f64, distance: f64) -> f64 {
+        let width = MEAN_DEPTH * depth / distance.max(f64::MIN_POSITIVE);
+        share * self.whole.min(width * self.of_band)
+    }
 }
 
 /// An edge and a corner that pass each other.
@@ -109,6 +142,8 @@ struct Cell {
     /// Error bound of `value`.
     error: f64,
     depth: u32,
+    /// The line beyond which most may have been missed.
+    worst: Option<u32>,
     /// Order of creation: between equal errors it decides.
     number: u32,
 }
@@ -159,6 +194,8 @@ pub(crate) struct CriticalCells {
     /// True for faces of convex bodies round which the outer triangle lies: they matter from their front only.
     is_face: Vec<bool>,
     regions: Vec<u32>,
+    /// The convex body of each occluder; [`NO_BODY`] of others.
+    convex: Vec<u32>,
     /// The body of each occluder that is a face of one which is taken as a whole; [`NO_BODY`] of others.
     whole: Vec<u32>,
     /// Bodies whose shadows a point has.
@@ -174,6 +211,8 @@ pub(crate) struct CriticalCells {
     /// The number of each occluder's first edge, and of its first corner.
     first_edge: Vec<usize>,
     lines: Vec<Line>,
+    /// True if lines were left out, by [`MOST_CROSSED`] or [`MOST_LINES`].
+    is_incomplete: bool,
     /// Indices of occluders and of lines: each cell has a run of either.
     relevant: Vec<u32>,
     crossing: Vec<u32>,
@@ -205,8 +244,6 @@ struct View<'a> {
     bodies: &'a Bodies,
     /// Origin of the pair's coordinates.
     origin: DVec3,
-    /// Mean unoccluded factor.
-    mean: f64,
     /// Error at which a hidden cell is evaluated in closed form.
     enough: f64,
 }
@@ -233,7 +270,7 @@ impl CriticalCells {
         self.list_occluders(shaft, regions, bodies, pair, normals)?;
         if !pair.receiver_is_smaller {
             for triangle in &pair.coplanar {
-                self.push_occluder(Polygon::of(triangle), false, NO_BODY);
+                self.push_occluder(Polygon::of(triangle), false, NO_BODY, NO_BODY);
             }
         }
         let target = in_front(sides.inner, sides.outer[0], sides.outer_normal, 0.0)?;
@@ -249,7 +286,6 @@ impl CriticalCells {
             bodies,
             origin: pair.origin,
             inner: sides.inner,
-            mean: bound.unoccluded / geometry::area(sides.outer),
             enough: 1e-3 * bound.enough,
         };
         self.relevant.clear();
@@ -300,9 +336,10 @@ impl CriticalCells {
             }
             let mut parts = BinaryHeap::new();
             self.divide(&worst, view, &mut parts)?;
-            // Where differences fall by their order, degree 8 is far better than its difference from degree 5.
+            // Where differences fall by their order, degree 8 is far better than its difference from degree 5. Where a
+            // line was cut away they fall as well, which says nothing of the order.
             let differences: f64 = parts.iter().map(|part| part.difference).sum();
-            let fall = if worst.difference > 0.0 {
+            let fall = if worst.difference > 0.0 && worst.lines.is_empty() {
                 (2.0 * differences / worst.difference).clamp(0.02, 1.0)
             } else {
                 1.0
@@ -341,6 +378,7 @@ impl CriticalCells {
         self.regions.clear();
         self.is_face.clear();
         self.whole.clear();
+        self.convex.clear();
         self.unevenness = 0.0;
         let outer = if pair.receiver_is_smaller {
             &pair.receiver
@@ -376,12 +414,13 @@ impl CriticalCells {
                     && body.faces.len() <= MOST_FACES
                     && body.edges.iter().all(|edge| edge.ends.into_iter().all(is_before))
             });
-            self.push_occluder(outline, is_face, whole.unwrap_or(NO_BODY));
+            let convex = bodies.of(region).unwrap_or(NO_BODY);
+            self.push_occluder(outline, is_face, convex, whole.unwrap_or(NO_BODY));
         }
         Some(())
     }
 
-    fn push_occluder(&mut self, outline: Polygon, is_face: bool, whole: u32) {
+    fn push_occluder(&mut self, outline: Polygon, is_face: bool, convex: u32, whole: u32) {
         let corners = outline.corners();
         if corners.len() < 3 {
             return;
@@ -391,6 +430,7 @@ impl CriticalCells {
         if normal != DVec3::ZERO {
             self.occluders.push(Occluder { outline, normal });
             self.is_face.push(is_face);
+            self.convex.push(convex);
             self.whole.push(whole);
         }
     }
@@ -405,12 +445,14 @@ impl CriticalCells {
             if !is_idle {
                 self.occluders[kept] = self.occluders[k];
                 self.is_face[kept] = self.is_face[k];
+                self.convex[kept] = self.convex[k];
                 self.whole[kept] = self.whole[k];
                 kept += 1;
             }
         }
         self.occluders.truncate(kept);
         self.is_face.truncate(kept);
+        self.convex.truncate(kept);
         self.whole.truncate(kept);
     }
 
@@ -469,25 +511,25 @@ impl CriticalCells {
                 }
             }
         }
-        if self.occluders.len() <= MOST_CROSSED {
-            self.find_crossings(&plane, &mut lines);
-        }
+        self.is_incomplete = self.occluders.len() > MOST_CROSSED || !self.find_crossings(&plane, &mut lines);
         self.lines = lines;
     }
 
-    /// Finds the lines of an edge of one occluder and a corner of one of another body.
-    fn find_crossings(&self, plane: &OuterPlane<'_>, lines: &mut Vec<Line>) {
-        let bodies = bodies(&self.occluders);
+    /// Finds the lines of an edge of one occluder and a corner of another. Returns whether they are all.
+    ///
+    /// A convex body's edges and corners pass each other only where a face turns away, which has a line of its own.
+    fn find_crossings(&self, plane: &OuterPlane<'_>, lines: &mut Vec<Line>) -> bool {
         for (k, one) in (0u32..).zip(&self.occluders) {
             for (m, other) in (0u32..).zip(&self.occluders) {
-                if bodies[k as usize] == bodies[m as usize] {
+                let [body, of_other] = [k, m].map(|k| self.convex[k as usize]);
+                if k == m || (body == of_other && body != NO_BODY) {
                     continue;
                 }
                 let corners = (self.first_edge[m as usize]..).zip(other.outline.corners());
                 for (e, (a, b)) in (self.first_edge[k as usize]..).zip(one.outline.edges()) {
                     for (number, &corner) in corners.clone() {
                         if lines.len() >= MOST_LINES {
-                            return;
+                            return false;
                         }
                         let event = Event {
                             edge: [a, b],
@@ -502,6 +544,7 @@ impl CriticalCells {
                 }
             }
         }
+        true
     }
 
     /// Finds the occluders that share an edge or a corner.
@@ -676,6 +719,7 @@ impl CriticalCells {
             difference: 0.0,
             error: 0.0,
             depth,
+            worst: None,
             number,
         };
         if is_hidden {
@@ -690,7 +734,10 @@ impl CriticalCells {
         cell.relevant = start..self.relevant.len();
         let first = self.crossing.len();
         let mut contact = None;
-        let mut largest = 0.0_f64;
+        let mut missed = Missed::of(&corners, self.shadows.normal, view);
+        if self.is_incomplete && cell.relevant.len() > 1 {
+            missed.most = UNSOUGHT * missed.whole;
+        }
         for at in parent.1.clone() {
             let index = self.crossing[at];
             let line = &self.lines[index as usize];
@@ -698,7 +745,9 @@ impl CriticalCells {
                 continue;
             }
             let heights = line.heights(&corners, self.beside);
-            let Some(share) = share_beyond(heights) else { continue };
+            let Some((share, depth)) = beyond(heights) else {
+                continue;
+            };
             let Some(ends) = line.ends(&corners, heights) else {
                 continue;
             };
@@ -711,7 +760,12 @@ impl CriticalCells {
             if line.is_contact && contact.is_none() {
                 contact = Some(heights);
             }
-            largest = largest.max(share);
+            if share * missed.whole > missed.most {
+                let most = missed.beyond(share, depth, self.distance_to(line, ends));
+                if most > missed.most {
+                    (missed.most, cell.worst) = (most, Some(index));
+                }
+            }
             self.crossing.push(index);
         }
         cell.lines = first..self.crossing.len();
@@ -724,11 +778,39 @@ impl CriticalCells {
             return Some(());
         }
         self.evaluate(&mut cell, view)?;
-        // A shadow that enters beyond a line may have been missed, and both rules may agree on it by chance.
-        let missed = MISSED * largest * largest.sqrt() * view.mean * geometry::area(&corners);
-        cell.error = cell.difference.max(missed);
+        // What begins beyond a line may have been missed, and both rules may agree on it by chance.
+        cell.error = cell.difference.max(missed.most);
         out.push(cell);
         Some(())
+    }
+
+    /// A lower bound of the distance from a line, between two of its points, to what it is of.
+    fn distance_to(&self, line: &Line, ends: [DVec3; 2]) -> f64 {
+        let from = |x: DVec3| match &line.event {
+            Some(Event {
+                edge,
+                corner,
+                of_corner,
+            }) => {
+                let (edge, corner) = (distance_to_segment(x, *edge), x.distance(*corner));
+                match of_corner {
+                    None => edge,
+                    Some(_) if line.of[0] == line.of[1] => corner,
+                    Some(_) => edge.min(corner),
+                }
+            }
+            None => {
+                let edges = self.occluders[line.of[0] as usize].outline.edges();
+                edges
+                    .map(|(a, b)| distance_to_segment(x, [a, b]))
+                    .fold(f64::INFINITY, f64::min)
+            }
+        };
+        // A distance changes by no more than the way along the line.
+        let middle = (ends[0] + ends[1]) * 0.5;
+        let half = 0.5 * ends[0].distance(ends[1]);
+        let of_ends = ends.map(from);
+        (0.5 * (of_ends[0].min(of_ends[1]) + from(middle) - half)).max(0.0)
     }
 
     /// Divides a cell: along a critical line, or through its longest side.
@@ -743,6 +825,10 @@ impl CriticalCells {
             }
         }
         let is_missed = cell.error > cell.difference;
+        if let Some(worst) = cell.worst.filter(|_| is_missed) {
+            let heights = self.lines[worst as usize].heights(&cell.corners, self.beside);
+            best = share_beyond(heights).map(|share| (heights, share));
+        }
         if let Some((heights, share)) = best
             && (share >= LEAST_SHARE || is_missed)
         {
@@ -1001,23 +1087,31 @@ fn hidden(cell: &[DVec3; 3], view: &View<'_>) -> f64 {
     contour::exchange(cell, view.inner, contour::Precision::of_area(share.clamp(1e-14, 1e-5)))
 }
 
-/// Numbers the bodies: occluders with a common corner are of one.
-fn bodies(occluders: &[Occluder]) -> Vec<usize> {
-    let mut body: Vec<usize> = (0..occluders.len()).collect();
-    for k in 0..occluders.len() {
-        for m in 0..k {
-            let touch = occluders[k]
-                .outline
-                .corners()
-                .iter()
-                .any(|p| occluders[m].outline.corners().contains(p));
-            if touch && body[k] != body[m] {
-                let (from, to) = (body[k].max(body[m]), body[k].min(body[m]));
-                body.iter_mut().filter(|b| **b == from).for_each(|b| *b = to);
-            }
+impl View<'_> {
+    /// Bound of the factor from points of a cell to a band across the target, for each radian of its width: 1/2, of a
+    /// band across all of the hemisphere; ψ / π of one of the angle ψ along it.
+    fn reach(&self, cell: &[DVec3; 3]) -> f64 {
+        let middle = (cell[0] + cell[1] + cell[2]) / 3.0;
+        let radius = |corners: &[DVec3], middle: DVec3| corners.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
+        let of_target = radius(self.target, self.middle);
+        let distance = middle.distance(self.middle) - radius(cell, middle) - of_target;
+        if distance <= 0.0 {
+            return 0.5;
         }
+        (2.0 * of_target / (distance * std::f64::consts::PI)).min(0.5)
     }
-    body
+}
+
+/// Distance of a point from a segment.
+fn distance_to_segment(x: DVec3, [a, b]: [DVec3; 2]) -> f64 {
+    let along = b - a;
+    let squared = along.length_squared();
+    let at = if squared > 0.0 {
+        ((x - a).dot(along) / squared).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    x.distance(a + along * at)
 }
 
 /// The plane in which lines are found.
@@ -1104,6 +1198,12 @@ impl Event {
 
 /// The share of a cell's area on the smaller side of a line; `None` if the line passes beside it.
 fn share_beyond(heights: [f64; 3]) -> Option<f64> {
+    beyond(heights).map(|(share, _)| share)
+}
+
+/// The share of a cell's area on the smaller side of a line, and the greatest distance from the line there; `None` if
+/// the line passes beside it.
+fn beyond(heights: [f64; 3]) -> Option<(f64, f64)> {
     let positive = heights.iter().filter(|&&h| h > 0.0).count();
     let negative = heights.iter().filter(|&&h| h < 0.0).count();
     if positive == 0 || negative == 0 {
@@ -1114,7 +1214,11 @@ fn share_beyond(heights: [f64; 3]) -> Option<f64> {
     let k = (0..3).find(|&k| heights[k] * sign > 0.0)?;
     let (h, p, q) = (heights[k], heights[(k + 1) % 3], heights[(k + 2) % 3]);
     let share = (h / (h - p)) * (h / (h - q));
-    Some(share.min(1.0 - share))
+    Some(if share <= 0.5 {
+        (share, h.abs())
+    } else {
+        (1.0 - share, p.abs().max(q.abs()))
+    })
 }
 
 /// The two or three triangles on both sides of a line.
