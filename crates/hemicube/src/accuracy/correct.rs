@@ -285,6 +285,8 @@ pub(crate) struct Converter<'c> {
     cancel: Option<&'c AtomicBool>,
     /// Rays' shares of the last emitter of which they were asked for.
     ray_shares: Option<(InputPatch, RayShares)>,
+    /// The patches that those rays met, ascending, each as often as it was met.
+    met: Vec<u32>,
     /// Patches in all samples of the row.
     seen: Vec<Seen>,
     exchanges: Option<Exchanges>,
@@ -303,6 +305,7 @@ impl<'c> Converter<'c> {
             correction,
             cancel,
             ray_shares: None,
+            met: Vec::new(),
             seen: Vec::new(),
             exchanges: match correction {
                 Correction::Area(rule) => Some(Exchanges::new(rule)),
@@ -361,6 +364,7 @@ impl<'c> Converter<'c> {
             permitted: self.correction.permitted_sum(),
             receives,
             found: self.ray_shares,
+            met: std::mem::take(&mut self.met),
         };
         let corrected = match self.correction {
             Correction::Pixel => self.pixel(hemicubes.len(), part),
@@ -384,7 +388,7 @@ impl<'c> Converter<'c> {
             Correction::Area(_) | Correction::Tolerance(_) if is_unfinished => weights.shares,
             Correction::Area(_) | Correction::Tolerance(_) => balance.refined_shares(factors, corrected.error),
         };
-        self.ray_shares = balance.found;
+        (self.ray_shares, self.met) = (balance.found, balance.met);
         Converted {
             sums,
             shares,
@@ -446,8 +450,10 @@ impl<'c> Converter<'c> {
                 is_inconsistent = balance.is_off_by_rays(emitter, factors, bound);
             }
         }
-        if (!is_inconsistent || attempt.is_last) && !attempt.is_large && weights.sees_anything {
-            let added = balance.add_up(emitter, &mut row, refiner, most_moves(cut_short));
+        if (!is_inconsistent || attempt.is_last) && weights.sees_anything {
+            // Hemicubes of a large patch say nothing of its errors: only pairs that rays met are looked for.
+            let moves = if attempt.is_large { 0 } else { most_moves(cut_short) };
+            let added = balance.add_up(emitter, &mut row, refiner, moves);
             rays += added.rays + added.points;
         }
         for entry in row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas) {
@@ -492,8 +498,8 @@ impl<'c> Converter<'c> {
         );
         refiner.set(usual);
         let mut row = std::mem::take(&mut refiner.pairs);
-        if !refiner.measures_each() && !attempt.is_large && weights.sees_anything {
-            let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
+        if !refiner.measures_each() && weights.sees_anything {
+            let may_move = !attempt.is_large && (attempt.is_last || !weights.is_inconsistent_with(row.sum()));
             let moves = if may_move { most_moves(refined.cut_short) } else { 0 };
             let emitter = &Emitter::new(balance.model, balance.emitter);
             let added = balance.add_up(emitter, &mut row, refiner, moves);
@@ -646,6 +652,8 @@ struct SumBalance<'a, R> {
     receives: R,
     /// Rays' shares of the last emitter of which they were asked for.
     found: Option<(InputPatch, RayShares)>,
+    /// The patches that those rays met, ascending, each as often as it was met.
+    met: Vec<u32>,
 }
 
 impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
@@ -657,7 +665,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The shares by rays, cast at the first call; `None` for a patch without area.
     fn ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
         if !self.has_ray_shares() {
-            let found = ray_shares::measure(emitter, self.permitted, &self.receives);
+            let found = ray_shares::measure(emitter, self.permitted, &self.receives, &mut self.met);
             self.found = found.map(|found| (self.emitter, found));
         }
         self.found.map(|(_, found)| found)
@@ -680,14 +688,15 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     }
 
     /// Returns whether at least two of these shares matter. The form factors tell their sum and not how it divides,
-    /// and a hemicube at the centroid of a large patch divides it as the centroid sees it.
-    fn is_split(&self, shares: RowShares) -> bool {
-        shares
+    /// and a hemicube at the centroid of a large patch divides it as the centroid sees it. It may see no back of a
+    /// surface that crosses the patch.
+    fn is_split(&self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
+        let matter = shares
             .to_array()
             .iter()
             .filter(|&&share| share > self.permitted)
-            .count()
-            > 1
+            .count();
+        matter > 1 || (matter == 1 && ray_shares::is_crossed(emitter))
     }
 
     /// Difference of form factors of this sum from their known sum; `None` if permitted.
@@ -718,7 +727,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         };
         if lacking.sum > SURELY * lacking.error {
             let is_known = |patch| !(self.receives)(patch) || row.sees(patch);
-            refined = refiner.find_unseen(emitter, lacking.sum, is_known);
+            refined = refiner.find_unseen(emitter, lacking.sum, &self.met, is_known);
             row.insert(&refiner.unseen);
         }
         for _ in 0..moves {
@@ -733,10 +742,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The non-visible shares of a finished row, refined to form factors of this sum and this error.
     fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
-        if !self.asks_rays(factors) && !self.is_split(by_hemicubes) {
+        let emitter = Emitter::new(self.model, self.emitter);
+        if !self.asks_rays(factors) && !self.is_split(&emitter, by_hemicubes) {
             return by_hemicubes;
         }
-        let emitter = Emitter::new(self.model, self.emitter);
         self.ray_shares(&emitter).map_or(by_hemicubes, |found| {
             let permitted = ASKED * self.permitted;
             found.shares.refined_within(factors, found.errors(), permitted)
