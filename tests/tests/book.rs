@@ -77,6 +77,11 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
         "cargo build --release -p hemicube-cli -p hemicube-backend-gl -p hemicube-backend-vulkan -p hemicube-backend-wgpu",
         "hours of a machine: tests/tests/bench.rs runs small studies",
     ),
+    (
+        "docs/study.md",
+        "hemicube bench -o docs/study-gpu",
+        "wants a GPU: tests/tests/bench.rs runs small studies",
+    ),
 ];
 
 /// Bash that makes what a page takes for granted: scenes and matrices of the reader's.

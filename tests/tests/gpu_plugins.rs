@@ -96,7 +96,7 @@ fn has_exact_edges(name: &str) {
         "{text}{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    assert!(text.contains("gpu-1-exact"), "it is told from the driver's: {text}");
+    assert!(text.contains("gpu-2-exact"), "it is told from the driver's: {text}");
     let shares = shares_of_pixels(&text);
     assert_eq!(shares.len(), 8, "a share of each scene: {text}");
     say(&format!("{name}, exact edges: {shares:?}"));

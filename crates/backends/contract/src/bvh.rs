@@ -493,6 +493,40 @@ fn cut_alone(boxes: &[Bounds], id: &impl Fn(u32) -> u32, range: &mut [u32]) -> P
     piece
 }
 
+/// The distance from a point to a triangle (Ericson 2005, §5.1.5, by Voronoi regions).
+pub fn distance(p: DVec3, [a, b, c]: &[DVec3; 3]) -> f64 {
+    let (ab, ac, ap) = (*b - *a, *c - *a, p - *a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return ap.length();
+    }
+    let bp = p - *b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return bp.length();
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return (ap - ab * (d1 / (d1 - d3))).length();
+    }
+    let cp = p - *c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return cp.length();
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return (ap - ac * (d2 / (d2 - d6))).length();
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return (bp - (*c - *b) * w).length();
+    }
+    let n = ab.cross(ac);
+    n.dot(ap).abs() / n.length()
+}
+
 /// Sorts corners by (x, y, z). Returns true, too, if the winding turned around.
 pub fn sorted_corners(mut corners: [DVec3; 3]) -> ([DVec3; 3], bool) {
     // −0 and 0 are one position: adding 0 makes them the same bits.
@@ -589,6 +623,21 @@ mod tests {
     use super::*;
     use hemicube_scene::generate::{Generate, Kind, generate};
     use hemicube_spatial::{Aabb, Octree, OctreeOptions};
+
+    #[test]
+    fn distances_to_a_triangle() {
+        let t = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        for (p, d) in [
+            (DVec3::new(0.2, 0.2, 3.0), 3.0),
+            (DVec3::new(-3.0, -4.0, 0.0), 5.0),
+            (DVec3::new(0.5, -2.0, 0.0), 2.0),
+            (DVec3::new(3.0, 0.0, 0.0), 2.0),
+            (DVec3::new(1.0, 1.0, 0.0), 0.5f64.sqrt()),
+            (DVec3::new(0.0, 0.0, 0.0), 0.0),
+        ] {
+            assert!((distance(p, &t) - d).abs() < 1e-15, "{p}");
+        }
+    }
 
     /// A city of blocks, all of it one-sided.
     fn geometry(target_patches: u64) -> Geometry {

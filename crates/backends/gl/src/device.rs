@@ -42,6 +42,7 @@ struct Egl {
 
 const EGL_EXTENSIONS: i32 = 0x3055;
 const EGL_NONE: i32 = 0x3038;
+const EGL_NOT_INITIALIZED: i32 = 0x3001;
 const EGL_OPENGL_API: u32 = 0x30A2;
 const EGL_CONTEXT_MAJOR_VERSION: i32 = 0x3098;
 const EGL_CONTEXT_MINOR_VERSION: i32 = 0x30FB;
@@ -160,10 +161,7 @@ impl Egl {
         if handle.is_null() {
             return Err(self.error());
         }
-        // SAFETY: the display was given just now; initialising one twice is allowed.
-        if unsafe { (self.initialize)(handle, std::ptr::null_mut(), std::ptr::null_mut()) } == 0 {
-            return Err(self.error());
-        }
+        self.initialize(handle)?;
         let extensions = self.string(handle);
         for wanted in ["EGL_KHR_no_config_context", "EGL_KHR_surfaceless_context"] {
             if !extensions.contains(wanted) {
@@ -171,6 +169,14 @@ impl Egl {
             }
         }
         Ok(handle)
+    }
+
+    fn initialize(&self, display: Pointer) -> Result<(), String> {
+        // SAFETY: the display is one that EGL gave; initialising one twice is allowed.
+        match unsafe { (self.initialize)(display, std::ptr::null_mut(), std::ptr::null_mut()) } {
+            0 => Err(self.error()),
+            _ => Ok(()),
+        }
     }
 
     /// Makes a context of OpenGL 4.5; one that reports its loss, if the driver has such.
@@ -200,6 +206,12 @@ impl Egl {
             unsafe { (self.create_context)(display, std::ptr::null_mut(), std::ptr::null_mut(), attributes.as_ptr()) }
         };
         let mut context = create(&[&plain[..], &tells_of_loss].concat());
+        // SAFETY: no preconditions.
+        if context.is_null() && unsafe { (self.get_error)() } == EGL_NOT_INITIALIZED {
+            // Another library in this process has terminated the display: it opens again.
+            self.initialize(display)?;
+            context = create(&[&plain[..], &tells_of_loss].concat());
+        }
         if context.is_null() {
             context = create(&plain);
         }
@@ -351,30 +363,44 @@ pub(crate) struct DeviceInfo {
     pub(crate) max_resolution: u32,
 }
 
-/// Why a machine has no device for this backend: EGL itself, or every display tried.
-pub(crate) fn no_device() -> BackendError {
-    let reasons = match system() {
-        Err(reason) => reason,
-        Ok(system) => system.reasons.join("; "),
+/// Why a machine has no device for this backend: EGL itself, every display tried, and every context.
+fn no_device(contexts: &[BackendError]) -> BackendError {
+    let mut reasons = match system() {
+        Err(reason) => vec![reason],
+        Ok(system) => system.reasons.clone(),
     };
+    reasons.extend(contexts.iter().map(|error| match error {
+        BackendError::Unsupported(reason) => reason.clone(),
+        other => other.to_string(),
+    }));
     BackendError::Unsupported(format!(
-        "no device with OpenGL 4.5: {reasons}; \
-         install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)"
+        "no device with OpenGL 4.5: {}; \
+         install a driver (on Debian `libegl1 libgl1-mesa-dri` for the software one)",
+        reasons.join("; ")
     ))
 }
 
-/// Lists the devices of this machine, hardware first; empty without any.
-pub(crate) fn devices() -> Vec<DeviceInfo> {
+/// Lists the devices of this machine, hardware first.
+///
+/// # Errors
+/// [`BackendError::Unsupported`] when there is none, with the reasons.
+pub(crate) fn devices() -> Result<Vec<DeviceInfo>, BackendError> {
     let count = system().map_or(0, |system| system.displays.len());
-    let opened = (0..count).map(|number| Device::open(u32::try_from(number).unwrap_or(u32::MAX), false));
-    opened
-        .filter_map(Result::ok)
-        .map(|device| DeviceInfo {
-            name: device.name.clone(),
-            software: device.software,
-            max_resolution: (device.limits.texture_size / 3).min(1024),
-        })
-        .collect()
+    let (mut devices, mut reasons) = (Vec::new(), Vec::new());
+    for number in 0..count {
+        match Device::open(u32::try_from(number).unwrap_or(u32::MAX), false) {
+            Ok(device) => devices.push(DeviceInfo {
+                name: device.name.clone(),
+                software: device.software,
+                max_resolution: (device.limits.texture_size / 3).min(1024),
+            }),
+            Err(reason) => reasons.push(reason),
+        }
+    }
+    if devices.is_empty() {
+        return Err(no_device(&reasons));
+    }
+    Ok(devices)
 }
 
 /// Number of storage bindings in the shaders.
@@ -499,10 +525,10 @@ impl Device {
     /// Opens the device with a context of its own. With `debug`, the driver checks each call, and its messages become
     /// errors (see [`Entered::check`]).
     pub(crate) fn open(number: u32, debug: bool) -> Result<Self, BackendError> {
-        let system = system().map_err(|_| no_device())?;
+        let system = system().map_err(|_| no_device(&[]))?;
         let Some(display) = system.displays.get(number as usize) else {
             return Err(match system.displays.len() {
-                0 => no_device(),
+                0 => no_device(&[]),
                 count => {
                     BackendError::InvalidArgument(format!("there is no device {number}: this machine has {count}"))
                 }

@@ -45,10 +45,7 @@ impl Plugin for Gl {
     type Session = Session;
 
     fn devices() -> Result<Vec<hemicube_abi::Device>, BackendError> {
-        let devices = device::devices();
-        if devices.is_empty() {
-            return Err(device::no_device());
-        }
+        let devices = device::devices()?;
         let device = |d: device::DeviceInfo| hemicube_abi::Device {
             name: d.name,
             kind: conv::device_kind(d.software),

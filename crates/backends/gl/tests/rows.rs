@@ -253,8 +253,9 @@ fn baselines_give_the_same_rows_and_read_them_whole() {
             assert_eq!(compare_rows(&rows, &best), Apart::default(), "{baseline}");
             assert_eq!(counters.bytes_read_back, whole, "{baseline}");
             assert_eq!(counters.queries > 0, queries, "{baseline}");
+            // On a GPU, the best way may draw what is hidden sooner than the thesis's finds it.
             assert!(
-                counters.triangles_transformed >= counted.triangles_transformed,
+                queries || counters.triangles_transformed >= counted.triangles_transformed,
                 "{baseline}: {counters:?} and {counted:?}"
             );
         }

@@ -20,7 +20,8 @@ struct View {
     uint rows;
     vec3 clip_w;
     uint stamp;
-    uvec4 unused[8];
+    float near;
+    uvec4 unused[7];
 };
 struct Settings {
     uint resolution;
@@ -69,8 +70,7 @@ struct Steps {
     vec3 middle;
     vec3 margin;
 };
-const float NEAR = 9.313226e-10;
-const float FAR_ERROR = 3.5527137e-15;
+const float FAR_ERROR = 3.8146973e-6;
 const uint GROUP = 128u;
 const uint WORDS = 4u;
 const uint OUTSIDE = 0u;
@@ -122,7 +122,7 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e3 = relative(v_3, high_1, low_1);
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
-    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
 float reach(mat3x3 sides, vec3 along) {
@@ -198,7 +198,7 @@ Steps steps(View v_5) {
     return Steps(x_2, y_2, w_2, (((abs(x_2) + abs(y_2)) + abs(w_2)) * 1.9073486e-6));
 }
 
-float bound_through(Steps s, Projected p_1, vec2 size, uvec2 first, uvec2 last) {
+float bound_through(View v_6, Steps s, Projected p_1, vec2 size, uvec2 first, uvec2 last) {
     float enter = 0.0;
     float leave = 3e38;
     uint k = 0u;
@@ -217,55 +217,55 @@ float bound_through(Steps s, Projected p_1, vec2 size, uvec2 first, uvec2 last) 
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
-            uint _e119 = k;
-            k = (_e119 + 1u);
+            uint _e120 = k;
+            k = (_e120 + 1u);
         }
         loop_init = false;
-        uint _e77 = k;
-        if ((_e77 < 3u)) {
+        uint _e78 = k;
+        if ((_e78 < 3u)) {
         } else {
             break;
         }
         {
-            uint _e80 = k;
-            if ((begin[_e80] > 0.0)) {
-                uint _e84 = k;
-                if ((longest[_e84] <= 0.0)) {
+            uint _e81 = k;
+            if ((begin[_e81] > 0.0)) {
+                uint _e85 = k;
+                if ((longest[_e85] <= 0.0)) {
                     return -1.0;
                 }
-                float _e89 = enter;
-                uint _e90 = k;
-                uint _e92 = k;
-                enter = max(_e89, (begin[_e90] / longest[_e92]));
+                float _e90 = enter;
+                uint _e91 = k;
+                uint _e93 = k;
+                enter = max(_e90, (begin[_e91] / longest[_e93]));
             } else {
-                uint _e96 = k;
-                if ((longest[_e96] < 0.0)) {
-                    float _e100 = leave;
-                    uint _e101 = k;
-                    uint _e103 = k;
-                    leave = min(_e100, (begin[_e101] / longest[_e103]));
+                uint _e97 = k;
+                if ((longest[_e97] < 0.0)) {
+                    float _e101 = leave;
+                    uint _e102 = k;
+                    uint _e104 = k;
+                    leave = min(_e101, (begin[_e102] / longest[_e104]));
                 }
             }
-            uint _e107 = k;
-            if ((shortest[_e107] > 0.0)) {
-                float _e111 = leave;
-                uint _e112 = k;
-                uint _e114 = k;
-                leave = min(_e111, (end[_e112] / shortest[_e114]));
+            uint _e108 = k;
+            if ((shortest[_e108] > 0.0)) {
+                float _e112 = leave;
+                uint _e113 = k;
+                uint _e115 = k;
+                leave = min(_e112, (end[_e113] / shortest[_e115]));
             }
         }
     }
-    float _e121 = enter;
-    float _e122 = leave;
-    if ((_e121 > (_e122 * 1.0000019))) {
+    float _e122 = enter;
+    float _e123 = leave;
+    if ((_e122 > (_e123 * 1.0000019))) {
         return -1.0;
     }
-    float _e129 = _group_1_binding_1_cs.slack;
+    float _e131 = _group_1_binding_1_cs.slack;
     float _e132 = enter;
-    return (((_e129 * NEAR) / _e132) + (FAR_ERROR / p_1.nearest));
+    return (v_6.near * ((_e131 / _e132) + (FAR_ERROR / p_1.nearest)));
 }
 
-bool is_hidden(View v_6, Projected p_2) {
+bool is_hidden(View v_7, Projected p_2) {
     vec2 low_2 = vec2(3e38);
     vec2 high_2 = vec2(-3e38);
     uint k_1 = 0u;
@@ -276,7 +276,7 @@ bool is_hidden(View v_6, Projected p_2) {
     uint ty = 0u;
     uint tx = 0u;
     uint _e4 = _group_1_binding_1_cs.resolution;
-    vec2 size_1 = vec2(float(_e4), float(v_6.rows));
+    vec2 size_1 = vec2(float(_e4), float(v_7.rows));
     bool loop_init_1 = true;
     while(true) {
         if (!loop_init_1) {
@@ -327,15 +327,15 @@ bool is_hidden(View v_6, Projected p_2) {
     uvec2 first_2 = uvec2(clamp(((((_e97 * 0.5) + vec2(0.5)) * size_1) - vec2(0.05)), vec2(0.0), (size_1 - vec2(1.0))));
     vec2 _e114 = high_2;
     uvec2 last_1 = uvec2(clamp(((((_e114 * 0.5) + vec2(0.5)) * size_1) + vec2(0.05)), vec2(0.0), (size_1 - vec2(1.0))));
-    Steps _e131 = steps(v_6);
+    Steps _e131 = steps(v_7);
     float _e134 = _group_1_binding_1_cs.slack;
-    float bound = ((_e134 * NEAR) / p_2.nearest);
+    float bound = ((_e134 * v_7.near) / p_2.nearest);
     uint _e141 = _group_1_binding_1_cs.resolution;
     uint across = (_e141 / 4u);
     uint _e147 = _group_1_binding_1_cs.pyramid_stride;
-    uint fine = (v_6.layer * _e147);
+    uint fine = (v_7.layer * _e147);
     uint coarse = (fine + ((3u * across) * across));
-    uvec2 row = uvec2(0u, v_6.first_row);
+    uvec2 row = uvec2(0u, v_7.first_row);
     uvec2 from_first = (first_2 + row);
     uvec2 to_last = (last_1 + row);
     uvec2 low_square = (from_first >> uvec2(4u));
@@ -377,7 +377,7 @@ bool is_hidden(View v_6, Projected p_2) {
                     uint _e191 = x;
                     float behind = _group_1_binding_5_cs[((coarse + (_e186 * (across / 4u))) + _e191)];
                     if (!((behind > bound))) {
-                        float _e201 = bound_through(_e131, p_2, size_1, (a_1 - row), (b_1 - row));
+                        float _e201 = bound_through(v_7, _e131, p_2, size_1, (a_1 - row), (b_1 - row));
                         local_8 = (behind > _e201);
                     } else {
                         local_8 = true;
@@ -425,7 +425,7 @@ bool is_hidden(View v_6, Projected p_2) {
                                         uvec2 tile = (uvec2(_e230, _e231) << uvec2(2u));
                                         uvec2 c = (max(tile, a_1) - row);
                                         uvec2 d = (min((tile + uvec2(3u)), b_1) - row);
-                                        float _e243 = bound_through(_e131, p_2, size_1, c, d);
+                                        float _e243 = bound_through(v_7, _e131, p_2, size_1, c, d);
                                         if ((behind_1 <= _e243)) {
                                             return false;
                                         }
@@ -441,11 +441,11 @@ bool is_hidden(View v_6, Projected p_2) {
     return true;
 }
 
-uint outcome(View v_7, uint index, bool against_depths) {
+uint outcome(View v_8, uint index, bool against_depths) {
     bool local_9 = false;
     bool local_10 = false;
     Chunk _e5 = _group_1_binding_3_cs[index];
-    Projected _e6 = project(v_7, _e5);
+    Projected _e6 = project(v_8, _e5);
     if (_e6.outside) {
         return OUTSIDE;
     }
@@ -456,7 +456,7 @@ uint outcome(View v_7, uint index, bool against_depths) {
     }
     bool _e15 = local_9;
     if (_e15) {
-        bool _e18 = is_hidden(v_7, _e6);
+        bool _e18 = is_hidden(v_8, _e6);
         local_10 = _e18;
     } else {
         local_10 = false;
@@ -505,7 +505,7 @@ uint end_of_run(uint place_1) {
     return GROUP;
 }
 
-void list(uint local_11, View v_8, bool only_seen, bool against_depths_1) {
+void list(uint local_11, View v_9, bool only_seen, bool against_depths_1) {
     uint count = 0u;
     uint start = 0u;
     uint found = 0u;
@@ -514,7 +514,7 @@ void list(uint local_11, View v_8, bool only_seen, bool against_depths_1) {
     uint carry = 0u;
     uint w_1 = 0u;
     bool local_13 = false;
-    uint face = ((v_8.layer * 5u) + v_8.face);
+    uint face = ((v_9.layer * 5u) + v_9.face);
     if ((local_11 < 4u)) {
         atomicExchange(sums[local_11], 0u);
     }
@@ -545,13 +545,13 @@ void list(uint local_11, View v_8, bool only_seen, bool against_depths_1) {
                 if (!(!(only_seen))) {
                     uint _e42 = _group_1_binding_8_cs[index_1];
                     uint _e45 = _group_1_binding_1_cs.looks_back;
-                    local_12 = ((_e42 + _e45) >= v_8.stamp);
+                    local_12 = ((_e42 + _e45) >= v_9.stamp);
                 } else {
                     local_12 = true;
                 }
                 bool _e50 = local_12;
                 if (_e50) {
-                    uint _e51 = outcome(v_8, index_1, against_depths_1);
+                    uint _e51 = outcome(v_9, index_1, against_depths_1);
                     found = _e51;
                 }
                 if (!(only_seen)) {
@@ -648,7 +648,7 @@ void list(uint local_11, View v_8, bool only_seen, bool against_depths_1) {
     if ((local_11 == 0u)) {
         uint _e215 = count;
         _group_1_binding_7_cs[face] = _e215;
-        uint tally = (v_8.layer * 8u);
+        uint tally = (v_9.layer * 8u);
         if (only_seen) {
             uint _e225 = atomicOr(sums[2], 0u);
             uint _e226 = atomicAdd(_group_1_binding_10_cs[(tally + 7u)], _e225);

@@ -16,7 +16,8 @@ struct View {
     uint rows;
     vec3 clip_w;
     uint stamp;
-    uvec4 unused[8];
+    float near;
+    uvec4 unused[7];
 };
 struct Settings {
     uint resolution;
@@ -58,7 +59,6 @@ struct Seen {
     uint id;
     float depth;
 };
-const float NEAR = 9.313226e-10;
 const float BACK = 0.9999981;
 
 layout(std140, binding = 0) uniform View_block_0Fragment { View _group_0_binding_0_fs; };
@@ -88,7 +88,7 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     vec3 _e3 = relative(v_3, high_2, low_2);
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
-    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
 Seen seen(bool front_4, uvec2 patches_6, float depth) {

@@ -20,7 +20,8 @@ struct View {
     uint rows;
     vec3 clip_w;
     uint stamp;
-    uvec4 unused[8];
+    float near;
+    uvec4 unused[7];
 };
 struct Settings {
     uint resolution;
@@ -54,8 +55,6 @@ struct Chunk {
     vec3 half_sides;
     uint unused;
 };
-const float NEAR = 9.313226e-10;
-
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
 
 layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
@@ -87,7 +86,7 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e3 = relative(v_3, high_1, low_1);
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
-    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
 void store(uint local_2, uvec3 tile_2, uvec3 group_2, float farthest_of_tile) {

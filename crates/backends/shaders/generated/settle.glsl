@@ -20,7 +20,8 @@ struct View {
     uint rows;
     vec3 clip_w;
     uint stamp;
-    uvec4 unused[8];
+    float near;
+    uvec4 unused[7];
 };
 struct Settings {
     uint resolution;
@@ -58,7 +59,6 @@ struct Triangle {
     vec3 places[3];
     vec3 sides[3];
 };
-const float NEAR = 9.313226e-10;
 const uint RUN = 32u;
 const uint GROUP = 64u;
 const float NEAR_CENTRE = 0.0078125;
@@ -110,7 +110,7 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e3 = relative(v_3, high_1, low_1);
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
-    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
 uint pixel_count() {

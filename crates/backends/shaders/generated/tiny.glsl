@@ -20,7 +20,8 @@ struct View {
     uint rows;
     vec3 clip_w;
     uint stamp;
-    uvec4 unused[8];
+    float near;
+    uvec4 unused[7];
 };
 struct Settings {
     uint resolution;
@@ -61,7 +62,6 @@ struct Triangle {
     uint front;
     uint back;
 };
-const float NEAR = 9.313226e-10;
 const uint NOBODY = 4294967295u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -109,7 +109,7 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e3 = relative(v_3, high_1, low_1);
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
-    return vec4(_e5.x, _e5.y, NEAR, _e5.z);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
 vec3 turned(View v_4, vec3 d) {
@@ -213,7 +213,7 @@ uint in_front(uint base, uint index_1) {
     vec4 _e128 = texelFetch(_group_1_binding_4_cs, ivec3(at, int(v_7.layer)), 0);
     float depth = _e128.x;
     float _e134 = _group_1_binding_1_cs.tiny_slack;
-    if (((NEAR * inverse_1) < (depth / (1.0 + _e134)))) {
+    if (((v_7.near * inverse_1) < (depth / (1.0 + _e134)))) {
         return NOBODY;
     }
     Triangle _e140 = triangle(v_7, index_1);

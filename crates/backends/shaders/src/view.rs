@@ -3,7 +3,10 @@
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
 use hemicube_contract::backend::{Geometry, Hemicube};
+use hemicube_contract::bvh::distance;
 use hemicube_contract::face::Face;
+use hemicube_spatial::Visit;
+use std::ops::RangeInclusive;
 
 /// Words of a view: 256 bytes, the largest alignment of a dynamic offset that a device may ask.
 pub const VIEW_WORDS: usize = 64;
@@ -30,10 +33,62 @@ const HEMICUBES_BACK: u32 = 8;
 /// The first [`View::stamp`]. An unseen chunk has stamp 0, further back than the shaders look.
 pub const FIRST_STAMP: u32 = HEMICUBES_BACK + 1;
 
+/// Logarithms to base 2 of the near plane's distance, in half sides of the scene: its range. A GPU clips a triangle that
+/// passes the eye in f32, and its new corners are off by some 2⁻²³ of the triangle: nearer than the upper end, one may
+/// end behind the eye, and the triangle is lost (measured on an NVIDIA H100, driver 580: docs/gpu.md). Mesa's drivers on
+/// the processor take any distance.
+const NEAR: RangeInclusive<i32> = -30..=-20;
+
+/// Longest edge of an emitter, in half sides of the scene, from which on nothing nearer than the upper end of [`NEAR`]
+/// is looked for: that is a part in 64 of it.
+const LARGE: f64 = 6.103_515_625e-5;
+
+/// The distance of a hemicube's near plane, in half sides of the scene: 2⁻²⁰; of a sensor, or an emitter with edges below
+/// 2⁻¹⁴, a power of two of at most a quarter of the distance to the nearest other surface, from 2⁻³⁰ to 2⁻²⁰.
+pub fn near(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> f64 {
+    let own = hemicube.emitter.map(|e| upload.surface_of_patch[e.0 as usize]);
+    let most = f64::from(*NEAR.end()).exp2();
+    if own.is_some_and(|own| {
+        let [a, b, c] = geometry.surfaces[own as usize].corners;
+        a.distance(b).max(b.distance(c)).max(c.distance(a)) >= LARGE
+    }) {
+        return most;
+    }
+    let mut nearest = 4.0 * most;
+    let order = geometry.octree.order();
+    if order.len() == geometry.surfaces.len() {
+        geometry.octree.visit_front_to_back(hemicube.origin, |_, node| {
+            if node.bounds.distance_squared(hemicube.origin) >= nearest * nearest {
+                return Visit::Skip;
+            }
+            for index in node.own() {
+                let corners = &geometry.surfaces[index as usize].corners;
+                let rises = corners
+                    .iter()
+                    .any(|&corner| hemicube.axes[2].dot(corner - hemicube.origin) > geometry.plane_tolerance);
+                if rises && own != Some(index) {
+                    nearest = nearest.min(distance(hemicube.origin, corners));
+                }
+            }
+            Visit::Descend
+        });
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "the exponent of a double")]
+    let exponent = (nearest / 4.0).log2().floor().max(f64::from(*NEAR.start())) as i32;
+    f64::from(exponent.min(*NEAR.end())).exp2()
+}
+
 /// The five views of a hemicube, in the order of [`Face::ALL`].
-pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View) -> [[u32; VIEW_WORDS]; 5] {
+pub fn views(
+    geometry: &Geometry,
+    upload: &Upload,
+    hemicube: &Hemicube,
+    resolution: u32,
+    at: View,
+) -> [[u32; VIEW_WORDS]; 5] {
     #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
     let narrow = |x: f64| (x as f32).to_bits();
+    let near = near(geometry, upload, hemicube);
     let (high, low) = split(hemicube.origin);
     let emitter = hemicube.emitter.map_or(u32::MAX, |p| p.0);
     Face::ALL.map(|face| {
@@ -57,10 +112,11 @@ pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View
             (clip[2].map(narrow), at.stamp),
         ];
         let mut words = [0; VIEW_WORDS];
-        for (words, (three, last)) in words.chunks_exact_mut(4).zip(rows) {
-            words[..3].copy_from_slice(&three);
-            words[3] = last;
+        for (words, (three, last)) in words.chunks_exact_mut(4).zip(&rows) {
+            words[..3].copy_from_slice(three);
+            words[3] = *last;
         }
+        words[4 * rows.len()] = narrow(near);
         words
     })
 }
@@ -68,6 +124,7 @@ pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View
 /// The views of a submission, five a slot. The groups' stamps begin at `first_stamp`.
 pub fn submission_views(
     geometry: &Geometry,
+    upload: &Upload,
     plan: &Plan,
     hemicubes: &[Hemicube],
     first_stamp: u32,
@@ -80,7 +137,7 @@ pub fn submission_views(
                 layer: slot % plan.group,
                 stamp: first_stamp.wrapping_add(slot / plan.group),
             };
-            views(geometry, hemicube, plan.resolution, at)
+            views(geometry, upload, hemicube, plan.resolution, at)
         })
         .collect()
 }

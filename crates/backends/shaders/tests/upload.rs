@@ -5,7 +5,8 @@ use glam::DVec3;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_contract::backend::{Culling, RenderSettings, Surface};
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
-use hemicube_scene::{Patches, Scene, Subdivision};
+use hemicube_scene::{InputPatch, Patches, Scene, Subdivision, Triangle};
+use hemicube_shaders::view::near;
 use hemicube_shaders::{Edges, Limits, Plan, Upload};
 
 fn model(scene: &Scene) -> Model {
@@ -210,4 +211,38 @@ fn what_does_not_fit_is_refused_and_named() {
         .expect_err("too many ids")
         .to_string();
     assert!(refused.contains("edges=exact"), "{refused}");
+}
+
+/// The near plane's distance of the first hemicube on each patch, in half sides of the scene.
+fn near_planes(triangles: &[[DVec3; 3]]) -> Vec<f64> {
+    let triangle = |&corners: &[DVec3; 3]| Triangle {
+        corners,
+        object: 0,
+        material: 0,
+        face: 0,
+        two_sided: false,
+    };
+    let model = model(&Scene {
+        triangles: triangles.iter().map(triangle).collect(),
+        ..Scene::default()
+    });
+    let upload = Upload::new(model.geometry()).expect("a scene that fits");
+    let patches = 0..u32::try_from(triangles.len()).expect("few");
+    patches
+        .map(|p| near(model.geometry(), &upload, &model.hemicubes(InputPatch(p), 1, false)[0]))
+        .collect()
+}
+
+#[test]
+fn the_near_plane_is_before_all_that_a_small_emitter_sees() {
+    let facing = |side: f64, height: f64| [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p * side + DVec3::Z * height);
+    let turned = |[a, b, c]: [DVec3; 3]| [a, c, b];
+    let far = facing(1.0, 2.0);
+    // A mote below the large triangle alone, and one with another just above it.
+    let alone = near_planes(&[turned(far), facing(1e-6, 0.0)]);
+    assert_eq!(alone, [2f64.powi(-20); 2]);
+    let beside = near_planes(&[turned(far), facing(1e-6, 0.0), turned(facing(1e-6, 4e-7))]);
+    // Half a side of this scene's cube is 1, as high as it is: the distance is 4e-7.
+    assert!(beside[1] <= 1e-7 && beside[1] > 4e-8, "{beside:?}");
+    assert_eq!(beside[0], 2f64.powi(-20));
 }

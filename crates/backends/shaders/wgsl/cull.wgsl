@@ -14,8 +14,8 @@
 @group(1) @binding(10) var<storage, read_write> tallies: array<atomic<u32>>;
 
 // Depths are interpolated: over a triangle their error is some 2⁻²⁰ of the nearest one, at any distance of the pixel.
-// This is 2⁻¹⁸ of NEAR.
-const FAR_ERROR: f32 = 3.552713678800501e-15;
+// This is 2⁻¹⁸, in units of the near plane's distance.
+const FAR_ERROR: f32 = 3.814697265625e-6;
 const GROUP: u32 = 128u;
 const WORDS: u32 = GROUP / 32u;
 const OUTSIDE: u32 = 0u;
@@ -95,7 +95,7 @@ fn steps(v: View) -> Steps {
 
 // A bound on the depths of a box seen through a square of pixels, rounding included; less than any depth if the box is
 // not seen there. The pixels are first to last, widened by the reach of snapped corners.
-fn bound_through(s: Steps, p: Projected, size: vec2<f32>, first: vec2<u32>, last: vec2<u32>) -> f32 {
+fn bound_through(v: View, s: Steps, p: Projected, size: vec2<f32>, first: vec2<u32>, last: vec2<u32>) -> f32 {
     let low = (vec2<f32>(first) - 0.05) / size * 2.0 - 1.0;
     let high = (vec2<f32>(last) + 1.05) / size * 2.0 - 1.0;
     let middle = (low + high) * 0.5;
@@ -128,7 +128,7 @@ fn bound_through(s: Steps, p: Projected, size: vec2<f32>, first: vec2<u32>, last
         return -1.0;
     }
     // The slack is more than the rounding of the divisions.
-    return settings.slack * NEAR / enter + FAR_ERROR / p.nearest;
+    return v.near * (settings.slack / enter + FAR_ERROR / p.nearest);
 }
 
 fn is_hidden(v: View, p: Projected) -> bool {
@@ -153,7 +153,7 @@ fn is_hidden(v: View, p: Projected) -> bool {
     let first = vec2<u32>(clamp((low * 0.5 + 0.5) * size - 0.05, vec2<f32>(0.0), size - 1.0));
     let last = vec2<u32>(clamp((high * 0.5 + 0.5) * size + 0.05, vec2<f32>(0.0), size - 1.0));
     let s = steps(v);
-    let bound = settings.slack * NEAR / p.nearest;
+    let bound = settings.slack * v.near / p.nearest;
     let across = settings.resolution / 4u;
     let fine = v.layer * settings.pyramid_stride;
     let coarse = fine + 3u * across * across;
@@ -170,7 +170,7 @@ fn is_hidden(v: View, p: Projected) -> bool {
             let b = min(square + 15u, to_last);
             // Most squares are decided by the box's nearest point alone.
             let behind = pyramid[coarse + y * (across / 4u) + x];
-            if (behind > bound || behind > bound_through(s, p, size, a - row, b - row)) {
+            if (behind > bound || behind > bound_through(v, s, p, size, a - row, b - row)) {
                 continue;
             }
             let low_tile = a >> vec2<u32>(2u);
@@ -182,7 +182,7 @@ fn is_hidden(v: View, p: Projected) -> bool {
                         let tile = vec2<u32>(tx, ty) << vec2<u32>(2u);
                         let c = max(tile, a) - row;
                         let d = min(tile + 3u, b) - row;
-                        if (behind <= bound_through(s, p, size, c, d)) {
+                        if (behind <= bound_through(v, s, p, size, c, d)) {
                             return false;
                         }
                     }

@@ -1,10 +1,6 @@
 // Declarations of all stages: put before each of them. Binding numbers are the same everywhere, so that one descriptor
 // set (or one set of binding points) serves every stage; src/stage.rs names them.
 
-// Reversed depth, near / w, of an infinite projection: f32 then has the same relative precision at every distance, for
-// any value of this. Nothing nearer is drawn; the scene's half side is 1.
-const NEAR: f32 = 9.313225746154785e-10;
-
 // One face of one hemicube: `View` of src/view.rs.
 struct View {
     eye_high: vec3<f32>,
@@ -23,7 +19,10 @@ struct View {
     rows: u32,
     clip_w: vec3<f32>,
     stamp: u32,
-    unused: array<vec4<u32>, 8>,
+    // Distance of the near plane, in half sides of the scene. Depth is near / w, that of an infinite projection,
+    // reversed: f32 then has the same relative precision at every distance, for any value of this.
+    near: f32,
+    unused: array<vec4<u32>, 7>,
 }
 
 // Settings of all hemicubes: `settings_words` of src/view.rs.
@@ -97,5 +96,5 @@ fn on_face(v: View, p: vec3<f32>) -> vec3<f32> {
 
 fn clip_position(v: View, high: vec3<f32>, low: vec3<f32>) -> vec4<f32> {
     let c = on_face(v, in_frame(v, relative(v, high, low)));
-    return vec4<f32>(c.x, c.y, NEAR, c.z);
+    return vec4<f32>(c.x, c.y, v.near, c.z);
 }

@@ -89,7 +89,7 @@ fn in_front(base: u32, index: u32) -> u32 {
     // Neighbours in the same surface must not hide it, but would if depths at the pixel's centre were compared. If the
     // visible patch reaches the centroid, its depth there decides; beyond a silhouette, about equal nearness is enough.
     let depth = textureLoad(depths, at, i32(v.layer), 0).x;
-    if (NEAR * inverse < depth / (1.0 + settings.tiny_slack)) {
+    if (v.near * inverse < depth / (1.0 + settings.tiny_slack)) {
         return NOBODY;
     }
     let t = triangle(v, index);

@@ -32,7 +32,7 @@ pub(crate) struct Gpu {
     /// Nanoseconds a tick, and the number of valid bits of a tick.
     pub(crate) clock: (f64, u32),
     memory: vk::PhysicalDeviceMemoryProperties,
-    instance: Instance,
+    instance: Arc<Instance>,
 }
 
 unsafe extern "system" fn note(
@@ -216,9 +216,30 @@ impl Drop for Instance {
     }
 }
 
+/// An instance kept for the life of the process on a machine with a GPU: a driver may take what other libraries of the
+/// process hold with it when an instance is destroyed (NVIDIA's 580 ends the displays of EGL).
+static KEPT: Mutex<Option<Arc<Instance>>> = Mutex::new(None);
+
+fn is_software(properties: &vk::PhysicalDeviceProperties) -> bool {
+    properties.device_type == vk::PhysicalDeviceType::CPU
+}
+
+/// The kept instance, or another, which is kept if it has a GPU.
+fn instance() -> Result<Arc<Instance>, BackendError> {
+    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(instance) = &*kept {
+        return Ok(Arc::clone(instance));
+    }
+    let instance = Arc::new(Instance::new(false)?);
+    if !instance.usable()?.0.iter().all(|(_, p)| is_software(p)) {
+        *kept = Some(Arc::clone(&instance));
+    }
+    Ok(instance)
+}
+
 /// Lists the usable devices.
 pub(crate) fn devices() -> Result<Vec<(String, vk::PhysicalDeviceType)>, BackendError> {
-    let (usable, _) = Instance::new(false)?.usable()?;
+    let (usable, _) = instance()?.usable()?;
     Ok(usable.iter().map(|(_, p)| (name_of(p), p.device_type)).collect())
 }
 
@@ -230,8 +251,18 @@ fn name_of(properties: &vk::PhysicalDeviceProperties) -> String {
 
 impl Gpu {
     pub(crate) fn open(index: u32, validation: bool) -> Result<Arc<Self>, BackendError> {
-        let instance = Instance::new(validation)?;
-        let (usable, refused) = instance.usable()?;
+        // The messages of validation are of one session.
+        let mut instance = if validation {
+            Arc::new(Instance::new(true)?)
+        } else {
+            instance()?
+        };
+        let (mut usable, refused) = instance.usable()?;
+        if !validation && usable.get(index as usize).is_some_and(|(_, p)| is_software(p)) {
+            // Devices of one instance of Mesa's driver take turns drawing: they share its rasteriser.
+            instance = Arc::new(Instance::new(false)?);
+            (usable, _) = instance.usable()?;
+        }
         let Some((device, properties)) = usable.get(index as usize).copied() else {
             let mut text = match usable.len() {
                 0 => "no Vulkan device; install a driver (Debian: mesa-vulkan-drivers)".to_owned(),
@@ -272,7 +303,7 @@ impl Gpu {
             queue: unsafe { raw.get_device_queue(family, 0) },
             raw,
             family,
-            is_software: properties.device_type == vk::PhysicalDeviceType::CPU,
+            is_software: is_software(&properties),
             limits: properties.limits,
             clock: (f64::from(properties.limits.timestamp_period), bits),
             // SAFETY: a device of this instance.

@@ -331,7 +331,13 @@ impl Loaded {
     /// Submits hemicubes on a free frame.
     fn submit(&mut self, at: usize, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
         let group = self.scene.plan.group;
-        let views = submission_views(&self.geometry, &self.scene.plan, hemicubes, self.stamp);
+        let views = submission_views(
+            &self.geometry,
+            &self.scene.upload,
+            &self.scene.plan,
+            hemicubes,
+            self.stamp,
+        );
         #[allow(clippy::cast_possible_truncation, reason = "at most a batch")]
         let slots = hemicubes.len() as u32;
         self.stamp += slots.div_ceil(group);

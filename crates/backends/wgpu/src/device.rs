@@ -44,8 +44,12 @@ pub(crate) struct Device {
     faults: Arc<Faults>,
 }
 
-/// Lists the adapters, the fastest first.
-pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
+/// Instances kept for the life of the process, without and with validation, on a machine with a GPU: a driver may take
+/// what other libraries of the process hold with it when an instance is destroyed (NVIDIA's 580 ends the displays of
+/// EGL), and did crash when two threads made and destroyed instances.
+static KEPT: Mutex<[Option<wgpu::Instance>; 2]> = Mutex::new([None, None]);
+
+fn new_instance(validation: bool) -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
     // No `VALIDATION_INDIRECT_CALL`, because our own shaders write the draws, and checking each costs more than culling
@@ -55,9 +59,40 @@ pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
     } else {
         InstanceFlags::empty()
     };
-    let instance = wgpu::Instance::new(descriptor);
+    wgpu::Instance::new(descriptor)
+}
+
+fn adapters_of(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::all()));
     adapters.sort_by_key(|adapter| conv::rank(adapter.get_info().device_type));
+    adapters
+}
+
+fn is_software(adapter: &wgpu::Adapter) -> bool {
+    adapter.get_info().device_type == DeviceType::Cpu
+}
+
+/// Lists the adapters, the fastest first. Those on the processor are of an instance of their own, because devices of one
+/// instance of Mesa's driver take turns drawing.
+pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
+    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    let kept = &mut kept[usize::from(validation)];
+    if let Some(instance) = kept {
+        let adapters = adapters_of(instance);
+        if !adapters.iter().any(is_software) {
+            return adapters;
+        }
+        let own = adapters_of(&new_instance(validation));
+        let chosen = adapters.into_iter().zip(own);
+        return chosen
+            .map(|(kept, own)| if is_software(&own) { own } else { kept })
+            .collect();
+    }
+    let instance = new_instance(validation);
+    let adapters = adapters_of(&instance);
+    if !adapters.iter().all(is_software) {
+        *kept = Some(instance);
+    }
     adapters
 }
 

@@ -244,7 +244,7 @@ impl Loaded {
             first_slot: 0,
             clock: side.clock.as_mut(),
         };
-        let views = submission_views(&self.geometry, &self.plan, hemicubes, self.stamp);
+        let views = submission_views(&self.geometry, &self.upload, &self.plan, hemicubes, self.stamp);
         for members in hemicubes.chunks(self.plan.group as usize) {
             self.stamp = self.stamp.wrapping_add(1);
             let group = Group::of(&self.geometry, &self.upload, members);

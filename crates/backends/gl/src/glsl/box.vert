@@ -11,6 +11,7 @@ layout(std140, binding = 0) uniform View {
     vec3 clip_x; uint first_row;
     vec3 clip_y; uint rows;
     vec3 clip_w; uint stamp;
+    float near;
 } view;
 
 // The middle in high and low parts, and half the sides; `low.w` is a box's widening, a part of its distance.
@@ -33,6 +34,5 @@ void main() {
     float far = length(middle) + length(b.half_sides.xyz);
     vec3 p = middle + side * (b.half_sides.xyz + far * b.low.w);
     vec3 frame = vec3(dot(view.tangent, p), dot(view.bitangent, p), dot(view.normal, p));
-    float near = 9.313225746154785e-10;
-    gl_Position = vec4(dot(view.clip_x, frame), dot(view.clip_y, frame), near, dot(view.clip_w, frame));
+    gl_Position = vec4(dot(view.clip_x, frame), dot(view.clip_y, frame), view.near, dot(view.clip_w, frame));
 }
