@@ -285,8 +285,6 @@ pub(crate) struct Converter<'c> {
     cancel: Option<&'c AtomicBool>,
     /// Rays' shares of the last emitter of which they were asked for.
     ray_shares: Option<(InputPatch, RayShares)>,
-    /// The patches that those rays met, ascending, each as often as it was met.
-    met: Vec<u32>,
     /// Patches in all samples of the row.
     seen: Vec<Seen>,
     exchanges: Option<Exchanges>,
@@ -305,7 +303,6 @@ impl<'c> Converter<'c> {
             correction,
             cancel,
             ray_shares: None,
-            met: Vec::new(),
             seen: Vec::new(),
             exchanges: match correction {
                 Correction::Area(rule) => Some(Exchanges::new(rule)),
@@ -364,7 +361,6 @@ impl<'c> Converter<'c> {
             permitted: self.correction.permitted_sum(),
             receives,
             found: self.ray_shares,
-            met: std::mem::take(&mut self.met),
         };
         let corrected = match self.correction {
             Correction::Pixel => self.pixel(hemicubes.len(), part),
@@ -388,7 +384,7 @@ impl<'c> Converter<'c> {
             Correction::Area(_) | Correction::Tolerance(_) if is_unfinished => weights.shares,
             Correction::Area(_) | Correction::Tolerance(_) => balance.refined_shares(factors, corrected.error),
         };
-        (self.ray_shares, self.met) = (balance.found, balance.met);
+        self.ray_shares = balance.found;
         Converted {
             sums,
             shares,
@@ -450,10 +446,8 @@ impl<'c> Converter<'c> {
                 is_inconsistent = balance.is_off_by_rays(emitter, factors, bound);
             }
         }
-        if (!is_inconsistent || attempt.is_last) && weights.sees_anything {
-            // Hemicubes of a large patch say nothing of its errors: only pairs that rays met are looked for.
-            let moves = if attempt.is_large { 0 } else { most_moves(cut_short) };
-            let added = balance.add_up(emitter, &mut row, refiner, moves);
+        if (!is_inconsistent || attempt.is_last) && !attempt.is_large && weights.sees_anything {
+            let added = balance.add_up(emitter, &mut row, refiner, most_moves(cut_short));
             rays += added.rays + added.points;
         }
         for entry in row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas) {
@@ -498,8 +492,8 @@ impl<'c> Converter<'c> {
         );
         refiner.set(usual);
         let mut row = std::mem::take(&mut refiner.pairs);
-        if !refiner.measures_each() && weights.sees_anything {
-            let may_move = !attempt.is_large && (attempt.is_last || !weights.is_inconsistent_with(row.sum()));
+        if !refiner.measures_each() && !attempt.is_large && weights.sees_anything {
+            let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
             let moves = if may_move { most_moves(refined.cut_short) } else { 0 };
             let emitter = &Emitter::new(balance.model, balance.emitter);
             let added = balance.add_up(emitter, &mut row, refiner, moves);
@@ -652,8 +646,6 @@ struct SumBalance<'a, R> {
     receives: R,
     /// Rays' shares of the last emitter of which they were asked for.
     found: Option<(InputPatch, RayShares)>,
-    /// The patches that those rays met, ascending, each as often as it was met.
-    met: Vec<u32>,
 }
 
 impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
@@ -665,7 +657,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The shares by rays, cast at the first call; `None` for a patch without area.
     fn ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
         if !self.has_ray_shares() {
-            let found = ray_shares::measure(emitter, self.permitted, &self.receives, &mut self.met);
+            let found = ray_shares::measure(emitter, self.permitted, &self.receives);
             self.found = found.map(|found| (self.emitter, found));
         }
         self.found.map(|(_, found)| found)
@@ -727,7 +719,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         };
         if lacking.sum > SURELY * lacking.error {
             let is_known = |patch| !(self.receives)(patch) || row.sees(patch);
-            refined = refiner.find_unseen(emitter, lacking.sum, &self.met, is_known);
+            refined = refiner.find_unseen(emitter, lacking.sum, is_known);
             row.insert(&refiner.unseen);
         }
         for _ in 0..moves {

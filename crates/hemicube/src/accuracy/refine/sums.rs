@@ -81,14 +81,12 @@ fn move_all(factors: &mut [Uncertain], lacking: Lacking) {
 }
 
 impl Refiner<'_> {
-    /// Looks for pairs of a row whose sum lacks `lacking`; `is_known` tells the patches in it, `met` are those that rays
-    /// from all over the emitter met, ascending, each as often as it was met. Afterwards they are in `self.unseen`,
-    /// ascending.
+    /// Looks for pairs of a row whose sum lacks `lacking`; `is_known` tells the patches in it. Afterwards they are in
+    /// `self.unseen`, ascending.
     pub(crate) fn find_unseen(
         &mut self,
         emitter: &Emitter<'_>,
         lacking: f64,
-        met: &[u32],
         is_known: impl Fn(u32) -> bool,
     ) -> Refined {
         let tree = Tree::of(emitter.model.geometry());
@@ -99,12 +97,8 @@ impl Refiner<'_> {
         self.unseen.clear();
         self.exchanges.begin(&emitter.corners);
         self.sort_measured();
-        let left_by_met = lacking - self.measure_met(emitter, met, &is_known, most_steps, &mut refined);
-        if left_by_met <= ENOUGH * lacking {
-            return self.end_search(row, refined);
-        }
-        let (mut left, mut least) = (left_by_met, FIRST * left_by_met);
-        let (mut looked_at, mut left_before) = (0, left);
+        let (mut left, mut least) = (lacking, FIRST * lacking);
+        let (mut looked_at, mut left_before) = (0, lacking);
         // Candidates so far, and those of them that are too small by now.
         let mut listed: Vec<u32> = Vec::new();
         let mut smaller: Vec<Pair> = Vec::new();
@@ -124,8 +118,7 @@ impl Refiner<'_> {
                         .binary_search_by_key(&patch, |measured| measured.patch)
                         .is_ok()
                 };
-                let is_listed = listed.binary_search(&patch).is_ok() || met.binary_search(&patch).is_ok();
-                !is_listed && !is_known(patch) && !was_measured()
+                listed.binary_search(&patch).is_err() && !is_known(patch) && !was_measured()
             };
             self.pairs.clear();
             let new = self.candidates.patches.iter().copied().filter(is_new).map(Pair::unseen);
@@ -166,52 +159,6 @@ impl Refiner<'_> {
             }
             least *= NEXT;
         }
-        self.end_search(row, refined)
-    }
-
-    /// Measures the unknown patches that rays met, those met most often first, and lists the visible ones in
-    /// `self.unseen`. Returns the sum of their form factors.
-    fn measure_met(
-        &mut self,
-        emitter: &Emitter<'_>,
-        met: &[u32],
-        is_known: impl Fn(u32) -> bool,
-        most_steps: u64,
-        refined: &mut Refined,
-    ) -> f64 {
-        let mut often: Vec<(usize, u32)> = met
-            .chunk_by(|p, q| p == q)
-            .map(|times| (times.len(), times[0]))
-            .filter(|&(_, patch)| {
-                let measured = self.measured.binary_search_by_key(&patch, |measured| measured.patch);
-                measured.is_err() && !is_known(patch)
-            })
-            .collect();
-        often.sort_unstable_by(|p, q| q.0.cmp(&p.0).then(p.1.cmp(&q.1)));
-        self.pairs.clear();
-        self.pairs.extend(often.iter().map(|&(_, patch)| Pair::unseen(patch)));
-        self.evaluate_from(emitter, 0);
-        let mut sum = 0.0;
-        for place in 0..self.pairs.len() {
-            if refined.steps >= most_steps || self.is_cancelled() {
-                break;
-            }
-            let allowed = Allowance {
-                multiplier: 0.0,
-                steps: most_steps - refined.steps,
-            };
-            refined.add(self.measure_anew(emitter, place, allowed));
-            let pair = self.pairs[place];
-            if pair.fraction > 0.0 {
-                sum += pair.factor();
-                self.unseen.push(pair);
-            }
-        }
-        sum
-    }
-
-    /// Puts the row back after a search for unseen pairs.
-    fn end_search(&mut self, row: Vec<Pair>, mut refined: Refined) -> Refined {
         self.pairs = row;
         self.unseen.sort_unstable_by_key(|pair| pair.patch);
         // A search in vain does not cut the row short: nobody knows that there are pairs to find.
