@@ -444,6 +444,40 @@ fn the_sky_is_told_from_backs_though_every_form_factor_is_zero() {
     }
 }
 
+/// A wall that reaches 4 cm into the ground. Of its lower triangle, f = 1 − (1.96/2)² lies below: that part sees the
+/// ground's back above it, to one half, and the centroid sees none.
+#[test]
+fn a_wall_sunk_in_the_ground_sees_its_back() {
+    let place = Place::new();
+    let ground = [
+        [-999.0, -999.0, 0.0],
+        [999.0, -999.0, 0.0],
+        [999.0, 999.0, 0.0],
+        [-999.0, 999.0, 0.0],
+    ];
+    let wall = [[0.0, 0.0, -0.04], [2.0, 0.0, -0.04], [2.0, 0.0, 1.96], [0.0, 0.0, 1.96]];
+    std::fs::write(place.path("sunk.obj"), obj(&[ground, wall])).expect("written");
+    for (settings, bound) in [("--tolerance 1%", 0.006), ("--tolerance 0.3%", 0.002)] {
+        place.line(&format!(
+            "compute sunk.obj -o m --rows 2..4 {settings} --quiet --overwrite"
+        ));
+        let rows = Store::open(&place.path("m"))
+            .expect("a store")
+            .row_table()
+            .expect("rows")
+            .clone();
+        for (patch, below) in [(2, 0.04 / 2.0 * (2.0 - 0.04 / 2.0)), (3, (0.04f64 / 2.0).powi(2))] {
+            let blocked = rows.blocked[patch];
+            assert!((blocked - 0.5 * below).abs() < bound, "{settings}, {patch}: {blocked}");
+            assert!(
+                (rows.escaped[patch] - 0.5).abs() < bound,
+                "{settings}, {patch}: {}",
+                rows.escaped[patch]
+            );
+        }
+    }
+}
+
 /// Two large plates close together: q = σ(T₁⁴ − T₂⁴) / (1/ε₁ + 1/ε₂ − 1).
 #[test]
 fn two_plates_exchange_what_the_textbook_says() {

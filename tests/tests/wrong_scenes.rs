@@ -246,6 +246,48 @@ fn an_inside_out_city_is_named_and_a_city_is_not() {
         .says(&["16 objects face inwards", "`--flip 'building *'`"]);
 }
 
+/// Solids that stand on each other, all in one object: each sees backs where they touch, and turned round they would
+/// see themselves. Nothing is wrong with them.
+#[test]
+fn solids_of_one_object_that_touch_are_not_wound_the_wrong_way() {
+    let place = Place::new();
+    let all = |solids: &[[[f64; 3]; 2]], room: Option<[[f64; 3]; 2]>| {
+        let outwards = solids
+            .iter()
+            .flat_map(|&[low, high]| sides(low, high))
+            .map(|(_, quad)| quad);
+        let inwards = room
+            .into_iter()
+            .flat_map(|[low, high]| sides(low, high))
+            .map(|(_, quad)| turned(quad));
+        let quads: Vec<(String, Quad)> = outwards.chain(inwards).map(|quad| ("all".to_owned(), quad)).collect();
+        obj(&quads)
+    };
+    let fins = (0..20)
+        .map(|k| f64::from(k) * 0.5)
+        .map(|x| [[x, 0.0, 0.5], [x + 0.1, 10.0, 4.5]]);
+    let sink: Vec<_> = std::iter::once([[0.0; 3], [10.0, 10.0, 0.5]]).chain(fins).collect();
+    let columns = (0..36).map(|k| (f64::from(k / 6), f64::from(k % 6)));
+    let columns: Vec<_> = columns.map(|(x, y)| [[x, y, 0.0], [x + 0.7, y + 0.7, 3.0]]).collect();
+    write(&place, "sink.obj", all(&sink, None).as_bytes());
+    write(
+        &place,
+        "hall.obj",
+        all(&columns, Some([[-1.0, -1.0, 0.0], [7.0, 7.0, 3.0]])).as_bytes(),
+    );
+    for scene in ["sink.obj", "hall.obj"] {
+        let found = inspected(&place, scene);
+        assert!(sentences(&found).is_empty(), "{scene}: {found}");
+        assert!(
+            found["blocked"].as_f64().is_some_and(|blocked| blocked > 0.003),
+            "{scene}: {found}"
+        );
+    }
+    // Turned round it is still said.
+    let found = inspected(&place, "hall.obj --flip all");
+    assert_eq!(sentences(&found).len(), 1, "{found}");
+}
+
 #[test]
 fn a_leak_is_named_and_bounded() {
     let place = Place::new();

@@ -680,14 +680,15 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     }
 
     /// Returns whether at least two of these shares matter. The form factors tell their sum and not how it divides,
-    /// and a hemicube at the centroid of a large patch divides it as the centroid sees it.
-    fn is_split(&self, shares: RowShares) -> bool {
-        shares
+    /// and a hemicube at the centroid of a large patch divides it as the centroid sees it. It may see no back of a
+    /// surface that crosses the patch.
+    fn is_split(&self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
+        let matter = shares
             .to_array()
             .iter()
             .filter(|&&share| share > self.permitted)
-            .count()
-            > 1
+            .count();
+        matter > 1 || (matter == 1 && ray_shares::is_crossed(emitter))
     }
 
     /// Difference of form factors of this sum from their known sum; `None` if permitted.
@@ -733,10 +734,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The non-visible shares of a finished row, refined to form factors of this sum and this error.
     fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
-        if !self.asks_rays(factors) && !self.is_split(by_hemicubes) {
+        let emitter = Emitter::new(self.model, self.emitter);
+        if !self.asks_rays(factors) && !self.is_split(&emitter, by_hemicubes) {
             return by_hemicubes;
         }
-        let emitter = Emitter::new(self.model, self.emitter);
         self.ray_shares(&emitter).map_or(by_hemicubes, |found| {
             let permitted = ASKED * self.permitted;
             found.shares.refined_within(factors, found.errors(), permitted)

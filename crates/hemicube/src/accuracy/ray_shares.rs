@@ -7,7 +7,7 @@
 //! share X.
 
 use crate::accuracy::row::Emitter;
-use crate::bvh::{Block, LANES, Tree, UNUSED};
+use crate::bvh::{Block, Bounds, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
@@ -26,6 +26,8 @@ const FINE: f64 = 1e-3;
 /// Blocks of triangles met after which no further rays are cast: thousands of triangles in one place are met by every
 /// ray to it. About half a second of work. A choice.
 const MOST_BLOCKS: u64 = 1 << 22;
+/// Blocks of triangles in an emitter's box that are asked whether they cross it. A choice: some tenths of a millisecond.
+const MOST_CROSSED: usize = 1024;
 /// Part of a permitted error that rays may leave. A choice.
 const PART: f64 = 0.8;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
@@ -113,6 +115,60 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
             return Some(found);
         }
     }
+}
+
+/// Returns whether a one-sided surface crosses the emitter: a part of it lies behind, then, and sees backs that its
+/// centroid may not see. Of more than [`MOST_CROSSED`] blocks of triangles in the emitter's box, no more are looked at.
+pub(crate) fn is_crossed(emitter: &Emitter<'_>) -> bool {
+    let tree = Tree::of(emitter.model.geometry());
+    let own = Bounds::of(emitter.corners);
+    let (mut pending, mut blocks) = (vec![0u32], 0);
+    while let Some(index) = pending.pop() {
+        let node = &tree.nodes[index as usize];
+        let (low, high) = (node.center - node.half, node.center + node.half);
+        if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
+            continue;
+        }
+        if node.block == INNER {
+            if node.child > 0 {
+                pending.extend([node.child, node.child + 1]);
+            }
+            continue;
+        }
+        blocks += 1;
+        if blocks > MOST_CROSSED {
+            break;
+        }
+        let block = &tree.blocks[node.block as usize];
+        let is_one_sided = |l: &usize| block.positive[*l].max(block.negative[*l]) == tree.patch_count;
+        let mut triangles = (0..LANES)
+            .filter(|&l| block.negative[l] != UNUSED)
+            .filter(is_one_sided)
+            .map(|l| block.triangle(l));
+        if triangles.any(|triangle| cross_each_other(&emitter.corners, &triangle, tree.plane_tolerance)) {
+            return true;
+        }
+    }
+    false
+}
+
+/// Returns whether two triangles have points on either side of each other, farther than `tolerance`, and meet.
+fn cross_each_other(p: &[DVec3; 3], q: &[DVec3; 3], tolerance: f64) -> bool {
+    let is_cut = |p: &[DVec3; 3], q: &[DVec3; 3]| {
+        let normal = geometry::cross(q).normalize_or_zero();
+        let heights = p.map(|corner| normal.dot(corner - q[0]));
+        heights.iter().any(|&h| h > tolerance) && heights.iter().any(|&h| h < -tolerance)
+    };
+    let has_edge_through = |p: &[DVec3; 3], q: &[DVec3; 3]| {
+        let through = q.map(|corner| corner.to_array());
+        [(p[0], p[1]), (p[1], p[2]), (p[2], p[0])]
+            .into_iter()
+            .any(|(from, to)| {
+                let along = (to - from).to_array();
+                crossing(through, from.to_array(), to.to_array(), along).hits
+            })
+    };
+    is_cut(p, q) && is_cut(q, p) && (has_edge_through(p, q) || has_edge_through(q, p))
 }
 
 /// A triangle on a segment.
@@ -306,6 +362,28 @@ mod tests {
         assert_eq!(shares.blocked, 0.0);
         let shares = of_lower(&plates([true, false], false), |_| true);
         assert!((shares.blocked - 0.5 * PLATES).abs() < 0.02, "{shares:?}");
+    }
+
+    #[test]
+    fn walls_that_reach_into_the_ground_are_crossed_and_walls_that_stand_on_it_are_not() {
+        let p = DVec3::new;
+        let ground = |two_sided| ([p(-9., -9., 0.), p(9., -9., 0.), p(0., 9., 0.)], two_sided);
+        let wall = |foot: f64| ([p(0., 0., foot), p(1., 0., foot), p(0., 0., foot + 2.)], false);
+        let is_crossed = |triangles: &[_]| is_crossed(&Emitter::new(&model(triangles), InputPatch(0)));
+        for (foot, expected) in [(-0.1, true), (0.0, false), (0.1, false), (-2.0, false)] {
+            assert_eq!(is_crossed(&[wall(foot), ground(false)]), expected, "{foot}");
+            assert_eq!(
+                is_crossed(&[ground(false), wall(foot)]),
+                expected,
+                "from the ground, {foot}"
+            );
+        }
+        assert!(!is_crossed(&[wall(-0.1), ground(true)]), "it has no back");
+        let beside = wall(-0.1).0.map(|corner| corner + DVec3::X * 30.0);
+        assert!(
+            !is_crossed(&[(beside, false), ground(false)]),
+            "not where the ground is"
+        );
     }
 
     #[test]

@@ -14,8 +14,8 @@
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
 //! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
-//! space, and all must see more fronts than before: a room turned outwards sees nothing, and so no back. Two-sided
-//! surfaces have no back and are never turned.
+//! space, and all must see more fronts than before, and fewer than backs unless they see nothing: a room turned outwards
+//! sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -453,6 +453,17 @@ impl Rays<'_> {
         rays.map(|(_, count)| count.weight).sum()
     }
 
+    /// Returns whether everything may be turned, `after` in place of `turned`: it must see more fronts then and, unless
+    /// it is wound outwards throughout, more backs than fronts now. Solids that stand on each other see backs where they
+    /// touch, and fronts within themselves if they are turned.
+    fn is_better_turned(&self, turned: &BTreeSet<u32>, after: &BTreeSet<u32>, blind: &BTreeSet<u32>) -> bool {
+        let fronts = self.fronts(turned);
+        let meets_back = |kind: Kind| Self::is_active(kind, turned) && Self::meets_back(kind, turned);
+        let seen = self.list.iter().filter(|(kind, _)| meets_back(*kind));
+        let backs: f64 = seen.map(|(_, count)| count.weight).sum();
+        self.fronts(after) > fronts && (!blind.is_empty() || backs > fronts)
+    }
+
     /// Returns whether others see only backs of these objects, or nobody sees them, and their other side faces a nearly
     /// closed space.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
@@ -502,7 +513,7 @@ impl Rays<'_> {
             if worth
                 && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
                 && (*turn != Turn::Objects || self.faces_away(objects, turned))
-                && (*turn != Turn::All || self.fronts(&after) > self.fronts(turned))
+                && (*turn != Turn::All || self.is_better_turned(turned, &after, blind))
             {
                 best = Some((saved, *turn, objects));
             }
@@ -531,6 +542,8 @@ fn candidates(
             .filter(|of| of.len() > 1)
             .map(|of| (Turn::Objects, of.clone())),
     );
+    // All that can be turned are one candidate, whatever they are called.
+    candidates.retain(|(_, objects)| objects != all);
     candidates.push((Turn::InsideOut, inside_out.objects.clone()));
     candidates.push((Turn::All, all.clone()));
     candidates.retain(|(_, objects)| !objects.is_empty());

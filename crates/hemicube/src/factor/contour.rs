@@ -189,15 +189,24 @@ fn apex(p: &Edge, q: &Edge) -> Option<FromApex> {
     let s = (on_p - cosine * on_q) / sine_squared;
     let t = (cosine * on_p - on_q) / sine_squared;
     let gap = between + q.along * t - p.along * s;
-    let reach = MEETING_REACH * (p.length + q.length);
-    (gap.length_squared() <= MEET * MEET && s.abs() <= reach && t.abs() <= reach).then_some(FromApex { p: -s, q: -t })
+    let ratio = p.length.min(q.length) / p.length.max(q.length);
+    let (reaches, meet) = if ratio < COMPARABLE {
+        // The pair's exchange area is of the order of the short edge squared, and so must be what is lost.
+        ([p.length, q.length], MEET * ratio)
+    } else {
+        ([p.length + q.length; 2], MEET)
+    };
+    let [reach_p, reach_q] = reaches.map(|reach| MEETING_REACH * reach);
+    let meets = gap.length_squared() <= meet * meet && s.abs() <= reach_p && t.abs() <= reach_q;
+    meets.then_some(FromApex { p: -s, q: -t })
 }
 
 /// Distance of lines, in units of the pair's extent, below which they meet: the error is its square.
 const MEET: f64 = 1e-8;
 /// Squared sine of the least angle between lines with a well-known meeting point.
 const SLENDER: f64 = 1e-4;
-/// Distance of an apex, in lengths of the edges, beyond which the closed form would lose its digits.
+/// Distance of an apex, in lengths of the edges, beyond which the closed form would lose its digits: a term of an edge's
+/// end has the apex' distance as its weight, and the terms of both ends differ by the edge's length.
 const MEETING_REACH: f64 = 4.0;
 
 /// Closed forms to be evaluated, eight at a time.
@@ -309,7 +318,7 @@ const RIGHT_ANGLE: f64 = 1e-14;
 /// Squared sine below which edges are parallel: over a length of 1, less than 1e-9 nearer at one end.
 const PARALLEL: f64 = 1e-18;
 
-/// Ratio of lengths below which the differences of the closed form would lose their digits.
+/// Ratio of lengths below which the differences of a closed form would lose their digits.
 const COMPARABLE: f64 = 1e-3;
 
 /// An integral over two edges.
@@ -594,6 +603,42 @@ mod tests {
         let parts = exchange(&above, &floor, precision(1e-9)) + exchange(&rest, &floor, precision(1e-9));
         assert!((whole - parts).abs() < 1e-8, "{whole} {parts}");
         assert!(whole > 0.01);
+    }
+
+    fn unit() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-1.0..1.0f64)
+            .prop_map(DVec3::from_array)
+            .prop_filter_map("too short", |d| (d.length() > 0.1).then(|| d.normalize()))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(256))]
+
+        /// A grain above the plain, from a thousandth to a billionth of its size: lines of their edges pass each other
+        /// within the grain's size, or meet far from it.
+        #[test]
+        fn grains_see_a_plain_as_points_do(
+            size in -9.0..-3.0f64,
+            [u, v] in prop::array::uniform2(unit()),
+            place in prop::array::uniform2(0.05..0.4f64),
+            above in 4.0..8.0f64,
+        ) {
+            prop_assume!(u.cross(v).length() > 0.2);
+            let size = 10f64.powf(size);
+            let corner = p(place[0], place[1], above * size);
+            let grain = [corner, corner + u * size, corner + v * size];
+            let plain = [p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.)];
+            let normal = crate::geometry::cross(&grain);
+            let rule = |divisions| {
+                let mut sum = crate::factor::Quadrature::new(normal.normalize(), &plain);
+                crate::factor::add_nineteen_points(&mut sum, &grain, 1.0, divisions);
+                sum.finish()
+            };
+            let (points, area) = (rule(1), 0.5 * normal.length());
+            prop_assert!((points - rule(0)).abs() < 1e-7, "points do not do: {points}, {}", rule(0));
+            let found = exchange(&grain, &plain, precision(1e-9)) / area;
+            prop_assert!((found - points).abs() < 1e-6, "{found}, by points {points}");
+        }
     }
 
     fn triangle() -> impl Strategy<Value = [DVec3; 3]> {

@@ -147,7 +147,10 @@ fn openings<'a, 'input>(surface: Node<'a, 'input>) -> impl Iterator<Item = Node<
 
 /// The number in an element.
 fn number(node: Node<'_, '_>) -> Result<f64, Error> {
-    let text = node.text().unwrap_or_default().trim();
+    // All of its text: comments stand between parts of it.
+    let parts = node.children().filter(Node::is_text).filter_map(|part| part.text());
+    let text = parts.collect::<String>();
+    let text = text.trim();
     let number = text.parse().ok().filter(|number: &f64| number.is_finite());
     number.ok_or_else(|| at(node, format!("`{}` where a number is due", shown(text))))
 }
