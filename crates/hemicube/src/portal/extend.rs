@@ -249,6 +249,7 @@ impl<'a> Extender<'a> {
             ledger,
             portals,
             row,
+            cancel,
             ..
         } = self
         else {
@@ -283,6 +284,7 @@ impl<'a> Extender<'a> {
                 table,
                 fine: FINE,
                 bound,
+                cancel: Some(*cancel),
             };
             passes.follow(&view, &seen, tracer.surfaces(), &mut taker);
         }
