@@ -40,6 +40,16 @@ pub fn room(x: f64, y: f64, z: f64) -> Vec<Quad<'static>> {
     ]
 }
 
+/// The faces of the box between two corners, seen from outside.
+#[must_use]
+pub fn closed(low: Corner, high: Corner) -> [[Corner; 4]; 6] {
+    let faces = room(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+    let mut outwards = faces
+        .into_iter()
+        .map(|(_, [a, b, c, d])| [a, d, c, b].map(|[x, y, z]| [x + low[0], y + low[1], z + low[2]]));
+    std::array::from_fn(|_| outwards.next().unwrap_or_default())
+}
+
 /// A quad and its back, of one name: a pane, or a plate.
 #[must_use]
 pub fn both_ways<'q>((name, [a, b, c, d]): Quad<'q>) -> [Quad<'q>; 2] {

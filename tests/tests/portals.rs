@@ -364,7 +364,7 @@ fn what_is_not_there_yet_is_refused_by_name() {
     refused("", &["optics.toml:3", "roughness"]);
     place.0.write("optics.toml", "[object.x9]\nspecular = 0.7\n");
     refused("", &["`[object.\"x9\"]` matches no object"]);
-    place.0.write("optics.toml", "[object.x1]\nspecular = 0\n");
+    place.0.write("optics.toml", "bands = [\"light\"]\n");
     refused("", &["no patch of the scene is a mirror or a pane"]);
 }
 

@@ -1273,13 +1273,17 @@ fn list_shares(report: &Report, list: &mut Listing) {
 /// Corrected pairs, time and memory.
 fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
     if report.corrected > 0 {
+        // Of pairs with images several may be one entry.
+        let partial = if report.cut_off.is_some() {
+            format!("{} are", counted(report.partial, "pair"))
+        } else {
+            let share = report.partial as f64 / report.corrected as f64;
+            format!("{} of the pairs are", percent(share))
+        };
+        let corrected = counted(report.corrected, "entry");
         list.add(
             "partial",
-            format!(
-                "{} of the pairs are visible in part; {} are corrected: a visible fraction of a closed form",
-                percent(report.partial as f64 / report.corrected as f64),
-                counted(report.corrected, "entry")
-            ),
+            format!("{partial} visible in part; {corrected} are corrected: a visible fraction of a closed form"),
         );
     }
     if report.cut_short > 0 {

@@ -691,7 +691,10 @@ impl Task<'_> {
         let mut results = PatchResults::of_table(table, [&scene.objects, &materials], &name);
         let of = |share: &dyn Fn(&SkyRow) -> f64| rows.iter().map(share).collect();
         results.push("sky_view_factor", of(&SkyRow::sky_view_factor))?;
-        results.push("ground", of(&|row| row.escaped_share() - row.sky_view_factor()))?;
+        results.push(
+            "ground",
+            of(&|row| (row.escaped_share() - row.sky_view_factor()).max(0.0)),
+        )?;
         results.push("blocked", of(&|row| row.blocked as f64 / row.whole() as f64))?;
         let options = WriteOptions {
             overwrite: self.arguments.overwrite,
@@ -813,7 +816,8 @@ impl Task<'_> {
             }
             area += own;
             sky += own * factor;
-            ground += own * (row.escaped_share() - factor);
+            // Of refined rows the difference of equal shares is rounding, of either sign.
+            ground += own * (row.escaped_share() - factor).max(0.0);
             min = min.min(factor);
             max = max.max(factor);
         }

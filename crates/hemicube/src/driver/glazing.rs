@@ -38,7 +38,7 @@ macro_rules! bail {
 
 /// A number for all bands, or one for each.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a number is needed here, or a list of numbers, one a band")]
 enum Values {
     All(f64),
     Each(Vec<f64>),
@@ -82,6 +82,17 @@ impl Entry {
             bail!("`[{name}]` has an `extinction` and no `thickness` that light goes through");
         }
         let constants = self.specular.is_some() || self.transmittance.is_some();
+        if !constants && self.index.is_none() && self.angles.is_none() {
+            bail!("`[{name}]` is empty: give it `specular`, `transmittance`, `index` or `angles`");
+        }
+        for (what, value) in [
+            ("thickness", self.thickness),
+            ("extinction", Some(of(&self.extinction))),
+        ] {
+            if let Some(value) = value.filter(|value| !(value.is_finite() && *value >= 0.0)) {
+                bail!("`[{name}]` has the {what} {value}, and it is a number from 0 on");
+            }
+        }
         if self.index.is_some() {
             if constants || self.angles.is_some() {
                 bail!("`[{name}]` has an `index`, by which its values follow, and values of its own: give one of them");

@@ -249,6 +249,7 @@ impl<'a> Extender<'a> {
             ledger,
             portals,
             row,
+            cancel,
             ..
         } = self
         else {
@@ -283,6 +284,7 @@ impl<'a> Extender<'a> {
                 table,
                 fine: FINE,
                 bound,
+                cancel: Some(*cancel),
             };
             passes.follow(&view, &seen, tracer.surfaces(), &mut taker);
         }
@@ -382,17 +384,20 @@ impl<'a> Extender<'a> {
     fn measure(&mut self, casts: &Casts<'_>, level: usize, limits: Limits, rule: FactorRule, scale: f64) -> Vec<Known> {
         let Limits { permitted, most, until } = limits;
         let entries = self.ledger.sorted();
-        let pairs = entries
-            .iter()
-            .filter(|(_, found)| f64::from(found.hits) >= HITS[level])
-            .count();
-        let each = permitted.map_or(0.0, |permitted| {
-            (0.5 * permitted / pairs.clamp(1, PAIRS[level]) as f64).sqrt()
-        });
+        let entries = self.by_size(casts.emitter, entries);
+        let looks = LOOKS * most;
+        let part = |found: &Found| casts.share(found.weight).powf(0.8);
+        let parts = entries.iter().take(looks).map(|(_, found)| part(found)).sum();
+        let mut effort = Effort {
+            permitted,
+            until,
+            left: parts,
+            parts,
+        };
         let emitter = casts.emitter;
         let mut measured = 0;
         let mut known = Vec::with_capacity(entries.len());
-        for (place, ((motion, patch), found)) in self.by_size(emitter, entries).into_iter().enumerate() {
+        for (place, ((motion, patch), found)) in entries.into_iter().enumerate() {
             let mut entry = Known {
                 patch,
                 factor: casts.share(found.weight) * scale,
@@ -400,12 +405,13 @@ impl<'a> Extender<'a> {
                 variance: casts.variance(&found),
                 is_by_rays: true,
             };
-            let is_left = measured < most && place < LOOKS * most && self.tracer.legs < until;
+            let is_left = measured < most && place < looks && self.tracer.legs < until;
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
                 let own = self.motions.get(motion).inverse().triangle(emitter.corners);
                 let whole = exchange(&own, &self.model.normalised_corners(patch), &rule) / emitter.area;
                 if whole * casts.count as f64 >= HITS[level] {
                     measured += 1;
+                    let (wanted, until) = effort.of(part(&found), self.tracer.legs);
                     let through = Through {
                         emitter,
                         motion,
@@ -415,7 +421,7 @@ impl<'a> Extender<'a> {
                         until,
                         bound: self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound),
                     };
-                    let share = through.measure(each / whole, &mut self.tracer, &mut self.motions);
+                    let share = through.measure(wanted / whole, &mut self.tracer, &mut self.motions);
                     entry.measure(whole, share, casts, &found);
                 }
             }
@@ -516,6 +522,32 @@ fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted
         .take(PAIRS[1])
         .filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
     wanted <= (pairs.count() * SEGMENTS[1].0) as f64
+}
+
+/// The error and the legs that a row's pairs share. Segments err by c n^(−3/4), c as a pair's factor: fewest leave it
+/// c^(4/5) of the squared error, and take as much of the legs. Those that it does not need are its successors', or the
+/// first walls seen in part through a pane would take all.
+struct Effort {
+    permitted: Option<f64>,
+    until: u64,
+    /// Σ c^(4/5), and what of it is not begun.
+    parts: f64,
+    left: f64,
+}
+
+impl Effort {
+    /// The error wanted of a pair with that part, and the legs at which it ends; `legs` are traced.
+    fn of(&mut self, part: f64, legs: u64) -> (f64, u64) {
+        let share = if self.left > part { part / self.left } else { 1.0 };
+        self.left -= part;
+        let Some(permitted) = self.permitted else {
+            return (0.0, self.until);
+        };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of legs")]
+        let own = (self.until.saturating_sub(legs) as f64 * share) as u64;
+        let wanted = (0.5 * permitted * part / self.parts.max(f64::MIN_POSITIVE)).sqrt();
+        (wanted, legs + own)
+    }
 }
 
 /// Bounds of what a row's arrivals by segments may cost.

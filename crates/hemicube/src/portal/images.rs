@@ -9,10 +9,12 @@
 //! curtains become the cut-off part of *unselected*.
 
 use super::motion::Motion;
+use crate::geometry;
 use crate::{Grouping, HierarchyOptions, Model, ModelError};
 use glam::DVec3;
 use hemicube_scene::{Axis, Patches, Scene, Subdivision, Triangle};
 use serde_json::Value;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A plane of symmetry: `axis` = `at`, in the scene's unit.
@@ -110,6 +112,33 @@ pub enum ImageError {
         low: f64,
         /// The scene's largest coordinate.
         high: f64,
+    },
+    /// A surface in a plane of symmetry that looks away from the scene.
+    #[error(
+        "a surface of {object} lies in the plane of symmetry {axis} = {at} and looks away from the scene: it is the \
+         image of what looks into it there, and would count twice; leave it out (a pane in the plane is a mirror of \
+         ρs + τ)"
+    )]
+    LooksAway {
+        /// Its object.
+        object: String,
+        /// The axis across the plane.
+        axis: &'static str,
+        /// Its place.
+        at: f64,
+    },
+    /// A surface that is there on both ends of a period or a sector.
+    #[error(
+        "a surface of {object} is there at both ends of the {what} {axis}: the image of one lies in the place of the \
+         other, and would count twice; leave one of them out"
+    )]
+    Twofold {
+        /// Its object.
+        object: String,
+        /// `period along`, or `sector about`.
+        what: &'static str,
+        /// The axis.
+        axis: &'static str,
     },
     /// Triangles outside the cell.
     #[error(
@@ -275,6 +304,48 @@ impl ImageSettings {
         }
     }
 
+    /// Refuses surfaces of which an image lies in the place of a surface of the cell and looks where that does: they
+    /// would count twice. Those that are `two_sided` look both ways. `name` gives a surface's object.
+    fn check_twice(
+        &self,
+        surfaces: &[[DVec3; 3]],
+        two_sided: &[bool],
+        name: impl Fn(usize) -> String,
+    ) -> Result<(), ImageError> {
+        let corners = || surfaces.iter().flatten();
+        let low = corners().fold(DVec3::INFINITY, |low, &p| low.min(p));
+        let high = corners().fold(DVec3::NEG_INFINITY, |high, &p| high.max(p));
+        let slack = BEYOND * (high - low).max_element();
+        for &Symmetry { axis, at } in &self.symmetry {
+            let (axis, k) = of(axis);
+            // The sign of what looks at the scene; 0 if all of it lies in the plane.
+            let inwards = (high[k] + low[k] - 2.0 * at).signum() * f64::from(u8::from(high[k] - low[k] > slack));
+            let looks_away = |(corners, &two_sided): (&[DVec3; 3], &bool)| {
+                let lies_in = corners.iter().all(|p| (p[k] - at).abs() <= slack);
+                lies_in && inwards != 0.0 && (two_sided || geometry::cross(corners)[k] * inwards < 0.0)
+            };
+            if let Some(surface) = surfaces.iter().zip(two_sided).position(looks_away) {
+                let object = name(surface);
+                return Err(ImageError::LooksAway { object, axis, at });
+            }
+        }
+        let ends = self.periods.iter().map(|period| {
+            let step = (period.high - period.low) * unit(period.axis);
+            (Motion::translation(step), "period along", of(period.axis).0)
+        });
+        let turn = self.sector.map(|Sector { axis, count }| {
+            let (sine, cosine) = (std::f64::consts::TAU / f64::from(count)).sin_cos();
+            (Motion::rotation(unit(axis), cosine, sine), "sector about", of(axis).0)
+        });
+        for (motion, what, axis) in ends.chain(turn) {
+            if let Some(surface) = image_in_place(surfaces, two_sided, &motion, slack) {
+                let object = name(surface);
+                return Err(ImageError::Twofold { object, what, axis });
+            }
+        }
+        Ok(())
+    }
+
     /// Holds the corners against a sector.
     fn check_sector(&self, surfaces: &[[DVec3; 3]]) -> Result<(), ImageError> {
         let Some(Sector { axis, count }) = self.sector else {
@@ -421,6 +492,30 @@ impl ImageSettings {
     }
 }
 
+/// The first surface whose image lies where a surface is that looks the same way, corner by corner.
+fn image_in_place(surfaces: &[[DVec3; 3]], two_sided: &[bool], motion: &Motion, slack: f64) -> Option<usize> {
+    // Corners rounded and sorted: a pair that rounds apart is not found, and counts twice as it would without a search.
+    let key = |corners: &[DVec3; 3]| {
+        #[allow(clippy::cast_possible_truncation, reason = "extents over 10⁻⁵ of an extent")]
+        let mut key = corners.map(|p| (p / (100.0 * slack)).round().to_array().map(|x| x as i64));
+        key.sort_unstable();
+        key
+    };
+    let mut places: HashMap<[[i64; 3]; 3], Vec<usize>> = HashMap::new();
+    for (place, corners) in surfaces.iter().enumerate() {
+        places.entry(key(corners)).or_default().push(place);
+    }
+    (0..surfaces.len()).find(|&surface| {
+        let image = motion.triangle(surfaces[surface]);
+        let across = geometry::cross(&image);
+        let others = places.get(&key(&image)).into_iter().flatten();
+        let mut alike = others.filter(|&&other| {
+            two_sided[surface] || two_sided[other] || geometry::cross(&surfaces[other]).dot(across) > 0.0
+        });
+        alike.next().is_some()
+    })
+}
+
 impl PartialEq for Images {
     /// One cell's.
     fn eq(&self, other: &Self) -> bool {
@@ -450,6 +545,13 @@ impl Images {
         for patch in patches.iter() {
             two_sided[patches.surface(patch)] = scene.triangles[patches.triangle(patch)].two_sided;
         }
+        settings.check_twice(surfaces, &two_sided, |surface| {
+            let patch = patches.iter().find(|&patch| patches.surface(patch) == surface);
+            let object = patch.map(|patch| scene.triangles[patches.triangle(patch)].object as usize);
+            let name = object.and_then(|object| scene.objects.get(object));
+            let name = name.filter(|name| !name.is_empty());
+            name.map_or_else(|| "the scene".to_owned(), |name| format!("`{name}`"))
+        })?;
         let of = |corners: [DVec3; 3], two_sided: bool| Triangle {
             corners,
             object: 0,

@@ -114,6 +114,7 @@ impl<'a> Follower<'a> {
             table,
             fine: FINE,
             bound: self.bound,
+            cancel: None,
         };
         self.passes.follow(&view, &self.seen, surfaces, &mut taker);
         let ledger = &self.ledger;

@@ -94,7 +94,7 @@ pub enum SpecularError {
     /// A record that is none.
     #[error("the record of {0} says no optics")]
     Record(String),
-    /// Nothing of the scene is a mirror or a pane.
+    /// Nothing of the scene has values.
     #[error(
         "no patch of the scene is a mirror or a pane: give a material or an object of it `specular` or `transmittance`"
     )]
@@ -106,7 +106,7 @@ impl Specular {
     /// which the object's hold.
     ///
     /// # Errors
-    /// When a value is out of range, or no patch hands on anything.
+    /// When a value is out of range, or no patch has any.
     ///
     /// # Panics
     /// When `patches` are not of `scene`.
@@ -213,7 +213,8 @@ impl Specular {
                 name: name.unwrap_or("without a name").to_owned(),
             });
         }
-        if !optics.iter().any(Optics::is_portal) {
+        // Values of 0 are values: glass may be opaque in a band, and F^s is F.
+        if !patches.iter().any(|patch| place_of(patch).is_some()) {
             return Err(SpecularError::None);
         }
         Ok(Self {

@@ -5,8 +5,9 @@
 //! others are cut into four, until that integral is less than a limit, and are then shared by their rays. An edge of
 //! what is seen separates corners of every piece that it crosses: what is missed is smaller than a first piece.
 //!
-//! At a mirror or a pane a ray branches, and what it shows is all that its branches come to, in their order, with the
-//! mean of the piece's rays as the shares.
+//! At a mirror or a pane a ray branches, and what it shows is all that its branches come to, with the mean of the
+//! piece's rays as the shares. A piece is cut while the part in which its rays differ is above the limit: not for
+//! branches of which next to nothing is left.
 
 use super::portals::SightEnd;
 use super::{Reference, ReferenceError, ReferenceSettings};
@@ -153,15 +154,12 @@ impl<'m> PointReference<'m> {
                 self.seen(position, middle),
             ];
             sums.rays += 4;
-            let is_alike = |shown: &Shown| shown.iter().map(|end| end.0).eq(seen[0].iter().map(|end| end.0));
-            let are_alike = seen.iter().all(is_alike);
-            if !are_alike && weight > self.limit && level < DEEPEST {
+            let differing = seen[1..].iter().map(|shown| apart(&seen[0], shown)).fold(0.0, f64::max);
+            if differing * weight > self.limit && level < DEEPEST {
                 cut(&mut pending);
                 continue;
             }
-            if !are_alike {
-                sums.squared_error += (0.3 * weight).powi(2);
-            }
+            sums.squared_error += (0.3 * differing * weight).powi(2);
             sums.whole += weight;
             for (what, share, passed) in seen.into_iter().flatten() {
                 *sums.weights.entry(what).or_default() += 0.25 * weight * share;
@@ -195,6 +193,21 @@ impl<'m> PointReference<'m> {
     pub fn model(&self) -> &'m Model {
         self.model
     }
+}
+
+/// The part of two rays' weight that comes to different ends: 0 for the same ends in one order, 1 for two rays without
+/// branches that end apart.
+fn apart(one: &Shown, other: &Shown) -> f64 {
+    if one.iter().map(|end| end.0).eq(other.iter().map(|end| end.0)) {
+        return 0.0;
+    }
+    let mut differences: BTreeMap<u64, f64> = BTreeMap::new();
+    for (shown, sign) in [(one, 0.5), (other, -0.5)] {
+        for &(what, share, _) in shown {
+            *differences.entry(what).or_default() += sign * share;
+        }
+    }
+    differences.values().map(|difference| difference.abs()).sum()
 }
 
 /// The integral of the kernels of some parts over a piece of the sphere.

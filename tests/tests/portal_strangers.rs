@@ -1,0 +1,248 @@
+//! Mirrors, panes, bands, a plane of symmetry and a period in one run, beside scenes without any; and what strangers
+//! give that cannot be: surfaces that would count twice, glass without values.
+
+#![cfg(unix)]
+
+use hemicube_tests::matrices::entries;
+use hemicube_tests::rooms::{Corner, Quad, both_ways, closed, near, obj, of, place, room, zones};
+use hemicube_tests::runs::Place;
+
+/// Half a street of one metre and a room behind a window of its wall: the plane of symmetry is x = 1, the period from
+/// y = 0 to 1. A tilted plate in the room is a mirror.
+fn street() -> Vec<Quad<'static>> {
+    let wall = |low: [f64; 2], high: [f64; 2]| -> [Corner; 4] {
+        [
+            [0., low[0], low[1]],
+            [0., high[0], low[1]],
+            [0., high[0], high[1]],
+            [0., low[0], high[1]],
+        ]
+    };
+    let mut quads: Vec<Quad<'static>> = vec![("street", [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]])];
+    for (low, high) in [
+        ([0., 0.], [1., 0.5]),
+        ([0., 1.5], [1., 2.]),
+        ([0., 0.5], [0.25, 1.5]),
+        ([0.75, 0.5], [1., 1.5]),
+    ] {
+        let [outside, inside] = both_ways(("wall", wall(low, high)));
+        quads.extend([outside, ("inside", inside.1)]);
+    }
+    quads.extend(both_ways(("glass", wall([0.25, 0.5], [0.75, 1.5]))));
+    let plate = [[-0.6, 0.3, 0.6], [-0.4, 0.3, 0.6], [-0.4, 0.7, 1.], [-0.6, 0.7, 1.]];
+    quads.extend(both_ways(("plate", plate)));
+    let [bottom, top, back, ..] = room(1., 1., 2.)[..] else {
+        unreachable!("six faces")
+    };
+    for (name, (_, corners)) in [("floor", bottom), ("ceiling", top), ("back", back)] {
+        quads.push((name, corners.map(|[x, y, z]| [x - 1., y, z])));
+    }
+    quads
+}
+
+const OF_STREET: &str = "bands = [\"light\", \"heat\"]\n[object.\"glass*\"]\nspecular = [0.1, 0.3]\n\
+                         transmittance = [0.8, 0]\n[object.\"plate*\"]\nspecular = [0.9, 0]\n\
+                         [material.\"back*\"]\nspecular = [0.5, 0]\n";
+const SYMMETRIC: &str = "--specular optics.toml --periodic y=0..1 --symmetry x=1 --up z";
+
+#[test]
+fn everything_at_once_has_the_rows_of_the_whole() {
+    let part = place(&street(), OF_STREET);
+    let settings = "--patches object --tolerance 1% --repeats 3";
+    part.line(&format!("compute scene.obj {SYMMETRIC} {settings} -o part"))
+        .is(0);
+    let names: Vec<String> = street().iter().map(|(name, _)| format!("{name}_other")).collect();
+    let mut whole: Vec<Quad<'_>> = Vec::new();
+    for shift in [0, 1, -1, 2, -2, 3, -3].map(f64::from) {
+        for ((name, corners), other) in street().into_iter().zip(names.iter().map(String::as_str)) {
+            let corners = corners.map(|[x, y, z]| [x, y + shift, z]);
+            let [a, b, c, d] = corners.map(|[x, y, z]| [2. - x, y, z]);
+            let own = if shift.abs() < 0.5 { name } else { other };
+            whole.extend([(own, corners), (other, [a, d, c, b])]);
+        }
+    }
+    let whole = place(&whole, OF_STREET);
+    let rows: String = ["street", "wall", "glass", "plate", "back", "inside"]
+        .map(|name| format!(" --emitters {name}"))
+        .concat();
+    whole
+        .line(&format!(
+            "compute scene.obj --specular optics.toml --up z --patches object --tolerance 1% {rows} -o whole"
+        ))
+        .is(0);
+    for band in ["light", "heat"] {
+        let report = part.line(&format!("check part-{band} --json")).is(0).json();
+        assert_eq!(report["ok"], true, "{report}");
+        let (one, all) = (
+            zones(&part, &format!("part-{band}")),
+            zones(&whole, &format!("whole-{band}")),
+        );
+        for from in ["street", "wall", "glass", "plate", "back", "inside"] {
+            for to in ["street", "wall", "glass", "plate", "back", "inside", "ceiling"] {
+                let sum = of(&all, from, to) + of(&all, from, &format!("{to}_other"));
+                near(of(&one, from, to), sum, 0.01 * sum.max(1.0));
+            }
+        }
+    }
+}
+
+/// Where all has one temperature nothing flows, points see what surfaces do, and shares of pairs are shares.
+#[test]
+fn what_stands_on_the_rows_stands_on_all_at_once() {
+    let optics = "[object.glass]\nspecular = 0.1\ntransmittance = 0.8\n[object.plate]\nspecular = 0.9\n";
+    let place = place(&street(), optics);
+    let ran = place
+        .line(&format!("compute scene.obj {SYMMETRIC} --tolerance 1% -o rows"))
+        .is(0);
+    ran.says(&["pairs are visible in part"]);
+    place.write(
+        "heat.toml",
+        "[object.\"*\"]\ntemperature = 300\nemissivity = 0.9\n[object.glass]\ntemperature = 300\nemissivity = \
+         0.1\n[object.plate]\ntemperature = 300\nemissivity = 0.1\n",
+    );
+    place
+        .line("solve rows --scene scene.obj --materials heat.toml --thermal --ambient 300 --by object")
+        .is(0)
+        .says(&["none flows"]);
+    place.line("balance rows --closure --reciprocity -o balanced").is(0);
+    place.line("check balanced").is(0);
+    let sky = place.line("sky scene.obj --store rows").is(0);
+    assert!(!format!("{sky:?}").contains("-0.00"), "{sky:?}");
+    // Rays of the reference branch at glass: pieces are cut for what the branches carry, not for each of them.
+    place.write("at.txt", "0.5 0.5 1 -1 0 0\n");
+    let verified = place
+        .line(&format!(
+            "points scene.obj {SYMMETRIC} --points at.txt --tolerance 1% --verify 1 --json -o points.csv"
+        ))
+        .is(0)
+        .json();
+    let rays = verified["verified"]["rays"].as_u64().expect("a number");
+    assert!(rays < 6_000_000, "{verified}");
+}
+
+#[test]
+fn a_band_in_which_nothing_is_a_mirror_has_the_rows_without_any() {
+    let place = place(&room(1., 1., 1.), "[object.x1]\nspecular = [0.5, 0]\n");
+    let settings = "compute scene.obj --emitters bottom";
+    for level in [
+        "--correction pixel --resolution 64",
+        "--correction point",
+        "",
+        "--tolerance 1%",
+    ] {
+        place
+            .line(&format!(
+                "{settings} {level} --specular optics.toml -o banded --overwrite"
+            ))
+            .is(0);
+        place.line(&format!("{settings} {level} -o plain --overwrite")).is(0);
+        let rows = |store: &str| entries(&place.path(store), 0..2, |patch| patch);
+        assert_eq!(rows("banded-2"), rows("plain"), "{level}");
+        assert_ne!(rows("banded-1"), rows("plain"), "{level}");
+        assert_eq!(place.line("check banded-2 --json").is(0).json()["ok"], true);
+    }
+}
+
+#[test]
+fn values_that_cannot_be_are_named() {
+    let place = place(&room(1., 1., 1.), "");
+    for (text, words) in [
+        (
+            "specular = \"much\"",
+            "a number is needed here, or a list of numbers, one a band",
+        ),
+        ("", "is empty"),
+        ("index = 1.5\nthickness = -1", "has the thickness -1"),
+        ("index = 1.5\nthickness = -1\nextinction = -2", "has the thickness -1"),
+        (
+            "index = 1.5\nthickness = 1\nextinction = [-2, 1]",
+            "has the extinction -2",
+        ),
+        ("index = 1.5\nthickness = nan", "has the thickness NaN"),
+    ] {
+        place.write("optics.toml", format!("[object.x1]\n{text}\n"));
+        place
+            .line("compute scene.obj --specular optics.toml -o no")
+            .is(2)
+            .says(&[words]);
+    }
+}
+
+/// What lies in a plane of symmetry and looks away from the part is an image, as is one of two fins on the two ends of
+/// a sector or a period.
+#[test]
+fn what_would_count_twice_is_refused() {
+    let plate: Quad<'_> = (
+        "plate",
+        [[1., 0.2, 0.2], [1., 0.2, 0.8], [1., 0.8, 0.8], [1., 0.8, 0.2]],
+    );
+    let floor: Quad<'_> = ("floor", [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]]);
+    let cases: [(Vec<Quad<'_>>, &str, &str); 3] = [
+        (
+            [vec![floor], both_ways(plate).to_vec()].concat(),
+            "--symmetry x=1",
+            "`plate` lies in the plane",
+        ),
+        (
+            vec![floor, plate, ("copy", plate.1.map(|[_, y, z]| [0., y, z]))],
+            "--periodic x=0..1",
+            "there at both ends of the period along x",
+        ),
+        (
+            vec![
+                floor,
+                ("fin", [[0.2, 0., 0.], [0.8, 0., 0.], [0.8, 0., 1.], [0.2, 0., 1.]]),
+                ("fin", [[0., 0.2, 0.], [0., 0.8, 0.], [0., 0.8, 1.], [0., 0.2, 1.]]),
+            ],
+            "--sector z,4",
+            "`fin` is there at both ends of the sector about z",
+        ),
+    ];
+    for (quads, settings, words) in cases {
+        let refused = place(&quads, "");
+        refused
+            .line(&format!("compute scene.obj {settings} -o no"))
+            .is(2)
+            .says(&[words]);
+        // One of them is enough.
+        refused.write("scene.obj", obj(&quads[..2]));
+        refused.line(&format!("compute scene.obj {settings} -o yes")).is(0);
+    }
+}
+
+/// From within two boxes of glass the paths of a pixel double at each pane. Light ones merge, and nearly nothing is cut
+/// off: rows are those by rays.
+#[test]
+fn pixels_merge_where_panes_double_them() {
+    let mut quads: Vec<Quad<'_>> = room(2., 2., 2.);
+    for (name, near, far) in [("outer", 0.3, 1.7), ("inner", 0.55, 1.45)] {
+        let faces = closed([near; 3], [far; 3]);
+        quads.extend(faces.into_iter().flat_map(|corners| both_ways((name, corners))));
+    }
+    quads.extend(both_ways((
+        "plate",
+        [[0.9, 0.9, 1.05], [1.1, 0.9, 0.95], [1.1, 1.1, 0.95], [0.9, 1.1, 1.05]],
+    )));
+    let optics = "[object.outer]\nspecular = 0.1\ntransmittance = 0.8\n[object.inner]\nspecular = \
+                  0.2\ntransmittance = 0.5\n[object.plate]\nspecular = 0.9\n";
+    let place: Place = place(&quads, optics);
+    let row = |settings: &str| {
+        place
+            .line(&format!(
+                "compute scene.obj --specular optics.toml --emitters plate -o store --overwrite {settings}"
+            ))
+            .is(0);
+        let report = place.line("check store --json").is(0).json();
+        assert_eq!(report["ok"], true, "{report}");
+        (
+            zones(&place, "store"),
+            report["cut_off_max"].as_f64().expect("a number"),
+        )
+    };
+    let (by_pixels, cut_off) = row("--correction pixel");
+    assert!(cut_off < 0.01, "{cut_off}");
+    let (by_rays, _) = row("--tolerance 1%");
+    for to in ["bottom", "top", "x0", "y1", "inner", "outer", "plate"] {
+        near(of(&by_pixels, "plate", to), of(&by_rays, "plate", to), 0.01);
+    }
+}
