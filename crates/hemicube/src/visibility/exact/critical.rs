@@ -651,14 +651,15 @@ impl CriticalCells {
         if let Some(of_corner) = line.event.and_then(|event| event.of_corner) {
             let spokes = &self.spokes[self.spokes_of[of_corner as usize].clone()];
             let corner = points[0];
-            let is_between = |x: DVec3| {
-                spokes.iter().all(|spoke| {
+            let is_between = |spoke: &Spoke| {
+                let [[a, b], [c, d]] = ends.map(|x| {
                     let across = (corner - x).cross(spoke.to - x);
-                    let [one, other] = spoke.sides.map(|p| across.dot(p - x));
-                    self.are_apart(one, other)
-                })
+                    spoke.sides.map(|p| across.dot(p - x))
+                });
+                // On the same sides at both ends, and so between them.
+                self.are_apart(a, b) && self.are_apart(c, d) && (a < 0.0) == (c < 0.0)
             };
-            if !spokes.is_empty() && ends.into_iter().all(is_between) {
+            if !spokes.is_empty() && spokes.iter().all(is_between) {
                 return true;
             }
         }
