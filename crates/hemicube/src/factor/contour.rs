@@ -605,39 +605,22 @@ mod tests {
         assert!(whole > 0.01);
     }
 
-    fn unit() -> impl Strategy<Value = DVec3> {
-        prop::array::uniform3(-1.0..1.0f64)
-            .prop_map(DVec3::from_array)
-            .prop_filter_map("too short", |d| (d.length() > 0.1).then(|| d.normalize()))
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(256))]
-
-        /// A grain above the plain, from a thousandth to a billionth of its size: lines of their edges pass each other
-        /// within the grain's size, or meet far from it.
-        #[test]
-        fn grains_see_a_plain_as_points_do(
-            size in -9.0..-3.0f64,
-            [u, v] in prop::array::uniform2(unit()),
-            place in prop::array::uniform2(0.05..0.4f64),
-            above in 4.0..8.0f64,
-        ) {
-            prop_assume!(u.cross(v).length() > 0.2);
-            let size = 10f64.powf(size);
-            let corner = p(place[0], place[1], above * size);
-            let grain = [corner, corner + u * size, corner + v * size];
-            let plain = [p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.)];
-            let normal = crate::geometry::cross(&grain);
-            let rule = |divisions| {
-                let mut sum = crate::factor::Quadrature::new(normal.normalize(), &plain);
-                crate::factor::add_nineteen_points(&mut sum, &grain, 1.0, divisions);
-                sum.finish()
-            };
-            let (points, area) = (rule(1), 0.5 * normal.length());
-            prop_assert!((points - rule(0)).abs() < 1e-7, "points do not do: {points}, {}", rule(0));
-            let found = exchange(&grain, &plain, precision(1e-9)) / area;
-            prop_assert!((found - points).abs() < 1e-6, "{found}, by points {points}");
+    /// A grain of a tenth of a millimetre, as high above a plain of ten kilometres: lines of their edges pass each
+    /// other within the grain's size. Taken to meet, they made the factor 0.9616.
+    #[test]
+    fn a_grain_sees_a_plain_as_its_points_do() {
+        let plain = [p(-5e3, -5e3, 0.), p(5e3, -5e3, 0.), p(5e3, 5e3, 0.)];
+        let grain = [
+            p(12.0000908, 6.999875, 1.24471742e-4),
+            p(12.000125, 6.99990918, 1.24471742e-4),
+            p(12.0002378, 6.99982725, 1.95491503e-4),
+        ];
+        let area = crate::geometry::area(&grain);
+        let points = by_area(&grain, &plain, 16) / area;
+        assert!((points - 0.944_356).abs() < 1e-4, "{points}");
+        for precision in [Precision::of_both(1e-4, 2e-3), Precision::of_both(3e-5, 6e-4)] {
+            let found = exchange(&grain, &plain, precision) / area;
+            assert!((found - points).abs() < 5e-4, "{found}, by points {points}");
         }
     }
 
