@@ -79,7 +79,7 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     ),
     (
         "docs/study.md",
-        "hemicube bench -o docs/study-gpu",
+        r"hemicube bench -o docs/study-gpu --backend gl --backend vulkan --backend wgpu --scenes ../shared/scenes \",
         "wants a GPU: tests/tests/bench.rs runs small studies",
     ),
 ];

@@ -29,7 +29,7 @@
 //! sum is known, once more with 4 × 4 and strict correction.
 //!
 //! A row's work is bounded, in steps of about a nanosecond that are counted, never timed (`shaft`). Refining selected
-//! pairs has 400,000 + 1,000 an entry for a row of one hemicube, times max(n, n²/4) for one of n² hemicubes. A row of a
+//! pairs has 3,200,000 + 8,000 an entry for a row of one hemicube, times max(n, n²/4) for one of n² hemicubes. A row of a
 //! tolerance T has 10⁹ · max(0.01 / T, 1), at most 10¹¹. Pairs are then measured in the order of their expected errors.
 //! A row that meets its bound is counted (`Summary::cut_short`), and its expected error holds the prior variances of
 //! the rest. The last pair has what is left of the row's bound, so that no pair exceeds it: its rays stop growing, its
