@@ -194,14 +194,14 @@ const SKY_ONLY: f64 = 4.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;
 
-/// Number of times that the fractions of a row cut short by its bound are moved towards its known sum, each time by
-/// three standard errors at most. Scenes whose rows are cut short are those of which standard errors say too little. A
-/// choice.
-const MOVES_WHEN_CUT_SHORT: usize = 8;
+/// Number of times that the fractions of a doubtful row are moved towards its known sum, each time by three standard
+/// errors at most: of one cut short by its bound, or done again without a tolerance because its sum was off. Standard
+/// errors say too little of it. A choice.
+const MOVES_IN_DOUBT: usize = 8;
 
 /// The number of times that a row's fractions are moved.
-const fn most_moves(cut_short: bool) -> usize {
-    if cut_short { MOVES_WHEN_CUT_SHORT } else { 1 }
+const fn most_moves(is_doubtful: bool) -> usize {
+    if is_doubtful { MOVES_IN_DOUBT } else { 1 }
 }
 
 /// A patch in one of the row's hemicubes.
@@ -447,7 +447,7 @@ impl<'c> Converter<'c> {
             }
         }
         if (!is_inconsistent || attempt.is_last) && !attempt.is_large && weights.sees_anything {
-            let added = balance.add_up(emitter, &mut row, refiner, most_moves(cut_short));
+            let added = balance.add_up(emitter, &mut row, refiner, most_moves(cut_short || attempt.is_last));
             rays += added.rays + added.points;
         }
         for entry in row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas) {
