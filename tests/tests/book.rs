@@ -78,6 +78,11 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
         "hours of a machine: tests/tests/bench.rs runs small studies",
     ),
     (
+        "docs/accuracy.md",
+        "scripts/hard-scenes --rows 24 --verify 24 honeycomb struts screens",
+        "minutes of rays: `--verify` is tried in tests/tests/light.rs",
+    ),
+    (
         "docs/study.md",
         r"hemicube bench -o docs/study-gpu --backend gl --backend vulkan --backend wgpu --scenes ../shared/scenes \",
         "wants a GPU: tests/tests/bench.rs runs small studies",

@@ -255,8 +255,8 @@ fn touching() -> Vec<Touching> {
     ]
 }
 
-/// Beyond a critical line near an occluder, all of a target may be hidden within a share of a cell that no point lies in:
-/// 1.9 to 12.8 bounds off, as long as a cell's error did not know how near.
+/// Beyond a critical line near an occluder, all of a target may be hidden within a share of a cell that no point lies
+/// in: 1.9 to 12.8 bounds off, as long as a cell's error did not know how near.
 #[test]
 fn boxes_that_touch_keep_the_tolerance() {
     let mut tally = Tally::default();

@@ -29,13 +29,13 @@
 //! sum is known, once more with 4 × 4 and strict correction.
 //!
 //! A row's work is bounded, in steps of about a nanosecond that are counted, never timed (`shaft`). Refining selected
-//! pairs has 3,200,000 + 8,000 an entry for a row of one hemicube, times max(n, n²/4) for one of n² hemicubes. A row of a
-//! tolerance T has 10⁹ · max(0.01 / T, 1), at most 10¹¹. Pairs are then measured in the order of their expected errors.
-//! A row that meets its bound is counted (`Summary::cut_short`), and its expected error holds the prior variances of
-//! the rest. The last pair has what is left of the row's bound, so that no pair exceeds it: its rays stop growing, its
-//! points' cells are divided no further, and the error is what they then have. A shaft of more than 256 triangles gives
-//! up its list, and its rays walk the tree of regions (`segments`):
-//! a ray costs the depth of the tree, whatever lies in between.
+//! pairs has 3,200,000 + 8,000 an entry for a row of one hemicube, times max(n, n²/4) for one of n² hemicubes. A row of
+//! a tolerance T has 10⁹ · max(0.01 / T, 1), at most 10¹¹. Pairs are then measured in the order of their expected
+//! errors. A row that meets its bound is counted (`Summary::cut_short`), and its expected error holds the prior
+//! variances of the rest. The last pair has what is left of the row's bound, so that no pair exceeds it: its rays stop
+//! growing, its points' cells are divided no further, and the error is what they then have. A shaft of more than 256
+//! triangles gives up its list, and its rays walk the tree of regions (`segments`): a ray costs the depth of the tree,
+//! whatever lies in between.
 //!
 //! A patch much larger than the surfaces on it has n² hemicubes, stratified over it, n ≤ 16 and one for every 16 of
 //! these surfaces (`grain`), at all levels but *pixel*. Every pair of its row is measured (`refine/large`), by the

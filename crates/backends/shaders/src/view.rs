@@ -34,15 +34,15 @@ const HEMICUBES_BACK: u32 = 8;
 /// The first [`View::stamp`]. An unseen chunk has stamp 0, further back than the shaders look.
 pub const FIRST_STAMP: u32 = HEMICUBES_BACK + 1;
 
-/// Logarithms to base 2 of the near plane's distance, in half sides of the scene: its range. A GPU clips a triangle that
-/// passes the eye in f32, and its new corners are off by some 2⁻²³ of the triangle. With a nearer plane they may end
-/// behind the eye, and the triangle is lost: any triangle below the upper end, the smaller ones further down (measured on
-/// an NVIDIA H100, driver 580: docs/gpu.md). Mesa's drivers on the processor take any distance.
+/// Logarithms to base 2 of the near plane's distance, in half sides of the scene: its range. A GPU clips a triangle
+/// that passes the eye in f32, and its new corners are off by some 2⁻²³ of the triangle. With a nearer plane they may
+/// end behind the eye, and the triangle is lost: any triangle below the upper end, the smaller ones further down
+/// (measured on an NVIDIA H100, driver 580: docs/gpu.md). Mesa's drivers on the processor take any distance.
 const NEAR: RangeInclusive<i32> = -30..=-20;
 
 /// The distance of a hemicube's near plane, in half sides of the scene: 2⁻²⁰, or a power of two of at most a quarter of
 /// the distance to the nearest surface above the hemicube's plane, if that is less, and at least 2⁻³⁰. Houses may share
-/// walls 10⁻⁷ apart.
+/// walls 10⁻⁷ apart. Looks at the surfaces of nodes within 2⁻¹⁸ of the eye: few, and each once at most, as drawing does.
 pub fn near(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> f64 {
     let own = hemicube.emitter.map(|e| upload.surface_of_patch[e.0 as usize]);
     let mut nearest = 4.0 * f64::from(*NEAR.end()).exp2();

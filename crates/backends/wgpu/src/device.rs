@@ -72,26 +72,28 @@ fn is_software(adapter: &wgpu::Adapter) -> bool {
     adapter.get_info().device_type == DeviceType::Cpu
 }
 
-/// Lists the adapters, the fastest first. Those on the processor are of an instance of their own, because devices of one
-/// instance of Mesa's driver take turns drawing.
+/// Lists the adapters, the fastest first.
 pub(crate) fn adapters(validation: bool) -> Vec<wgpu::Adapter> {
     let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
     let kept = &mut kept[usize::from(validation)];
     if let Some(instance) = kept {
-        let adapters = adapters_of(instance);
-        if !adapters.iter().any(is_software) {
-            return adapters;
-        }
-        let own = adapters_of(&new_instance(validation));
-        let chosen = adapters.into_iter().zip(own);
-        return chosen
-            .map(|(kept, own)| if is_software(&own) { own } else { kept })
-            .collect();
+        return adapters_of(instance);
     }
     let instance = new_instance(validation);
     let adapters = adapters_of(&instance);
     if !adapters.iter().all(is_software) {
         *kept = Some(instance);
+    }
+    adapters
+}
+
+/// Lists the adapters for a session on the one of this number. One on the processor is of an instance of its own,
+/// because devices of one instance of Mesa's driver take turns drawing: they share its rasteriser.
+pub(crate) fn adapters_for(number: u32, validation: bool) -> Vec<wgpu::Adapter> {
+    let adapters = adapters(validation);
+    let is_beside_a_gpu = !adapters.iter().all(is_software);
+    if is_beside_a_gpu && adapters.get(number as usize).is_some_and(is_software) {
+        return adapters_of(&new_instance(validation));
     }
     adapters
 }

@@ -138,7 +138,7 @@ struct Loaded {
 impl Session {
     /// A session on an adapter of an instance of its own.
     fn open(number: u32, options: Options) -> Result<Self, BackendError> {
-        let adapters = device::adapters(options.validation);
+        let adapters = device::adapters_for(number, options.validation);
         let Some(adapter) = adapters.get(number as usize) else {
             return Err(BackendError::Unsupported(match adapters.len() {
                 0 => "wgpu finds no device; install a driver (Debian: libvulkan1 and mesa-vulkan-drivers)".to_owned(),
@@ -393,7 +393,7 @@ impl HemicubeBackend for Session {
 
     fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
         let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
-        // Devices of one instance of lavapipe take turns drawing: they share its rasteriser.
+        // A device on the processor needs an instance of its own.
         let mut session = if self.device.is_software {
             Self::open(self.number, self.options)?
         } else {

@@ -26,7 +26,8 @@ const FINE: f64 = 1e-3;
 /// Blocks of triangles met after which no further rays are cast: thousands of triangles in one place are met by every
 /// ray to it. About half a second of work. A choice.
 const MOST_BLOCKS: u64 = 1 << 22;
-/// Blocks of triangles in an emitter's box that are asked whether they cross it. A choice: some tenths of a millisecond.
+/// Blocks of triangles in an emitter's box that are asked whether they cross it. A choice: some tenths of a
+/// millisecond.
 const MOST_CROSSED: usize = 1024;
 /// Part of a permitted error that rays may leave. A choice.
 const PART: f64 = 0.8;

@@ -325,8 +325,8 @@ impl Refined {
 }
 
 /// Bound of the steps of refining a row's selected pairs: these, and these for each entry, times
-/// [`RowLists::work_units`]. A choice: one row in a thousand of real scenes meets it. An eighth of it was met by up to a
-/// third of the rows, saved 0 to 5 % of the time, and left `many-cubes` 11.9 % off instead of 2.6 %.
+/// [`RowLists::work_units`]. A choice: one row in a thousand of real scenes meets it. Up to a third of the rows met an
+/// eighth of it, which saved 0 to 5 % of the time and left `many-cubes` 11.9 % off instead of 2.6 %.
 const SELECTED_STEPS: u64 = 3_200_000;
 const SELECTED_STEPS_AN_ENTRY: u64 = 8_000;
 /// Bound of a row's steps at a tolerance of 1 %; of a finer one, more in proportion, up to a hundred times. A choice.

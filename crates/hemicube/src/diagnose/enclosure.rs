@@ -14,8 +14,8 @@
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
 //! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
-//! space, and all must see more fronts than before, and fewer than backs unless they see nothing: a room turned outwards
-//! sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
+//! space, and all must see more fronts than before, and fewer than backs unless they see nothing: a room turned
+//! outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -454,8 +454,8 @@ impl Rays<'_> {
     }
 
     /// Returns whether everything may be turned, `after` in place of `turned`: it must see more fronts then and, unless
-    /// it is wound outwards throughout, more backs than fronts now. Solids that stand on each other see backs where they
-    /// touch, and fronts within themselves if they are turned.
+    /// it is wound outwards throughout, more backs than fronts now. Solids that stand on each other see backs where
+    /// they touch, and fronts within themselves if they are turned.
     fn is_better_turned(&self, turned: &BTreeSet<u32>, after: &BTreeSet<u32>, blind: &BTreeSet<u32>) -> bool {
         let fronts = self.fronts(turned);
         let meets_back = |kind: Kind| Self::is_active(kind, turned) && Self::meets_back(kind, turned);

@@ -205,8 +205,8 @@ fn apex(p: &Edge, q: &Edge) -> Option<FromApex> {
 const MEET: f64 = 1e-8;
 /// Squared sine of the least angle between lines with a well-known meeting point.
 const SLENDER: f64 = 1e-4;
-/// Distance of an apex, in lengths of the edges, beyond which the closed form would lose its digits: a term of an edge's
-/// end has the apex' distance as its weight, and the terms of both ends differ by the edge's length.
+/// Distance of an apex, in lengths of the edges, beyond which the closed form would lose its digits: a term of an
+/// edge's end has the apex' distance as its weight, and the terms of both ends differ by the edge's length.
 const MEETING_REACH: f64 = 4.0;
 
 /// Closed forms to be evaluated, eight at a time.

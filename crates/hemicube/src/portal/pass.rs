@@ -6,9 +6,9 @@
 //!
 //! Weights are whole numbers: what a pixel has is kept by a surface, lost, cut off, or handed on.
 //!
-//! Panes double passes, and a curved mirror is a plane a facet: after [`MERGE`] pixels light ones are no longer followed
-//! each for itself. Neighbours of a pass, together of a least weight T, are one pixel with the weight of all: the one
-//! that a draw in proportion to their weights takes, so that the expectation of every pixel stays what it was.
+//! Panes double passes, and a curved mirror is a plane a facet: after [`MERGE`] pixels light ones are no longer
+//! followed each for itself. Neighbours of a pass, together of a least weight T, are one pixel with the weight of all:
+//! the one that a draw in proportion to their weights takes, so that the expectation of every pixel stays what it was.
 
 use super::gather::{Column, Ledger};
 use super::motion::OTHER;

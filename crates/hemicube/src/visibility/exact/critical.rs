@@ -49,8 +49,8 @@ const UNSOUGHT: f64 = LEAST_SHARE;
 const BESIDE: f64 = 1e-10;
 /// Share of a cell's area below which the part beyond a line is not worth a cut.
 const LEAST_SHARE: f64 = 0.02;
-/// Mean distance from a line over a part of a cell beyond it, in parts of the greatest one: 1/3 over a triangle, 1/2 over
-/// a strip.
+/// Mean distance from a line over a part of a cell beyond it, in parts of the greatest one: 1/3 over a triangle, 1/2
+/// over a strip.
 const MEAN_DEPTH: f64 = 0.5;
 /// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
 const UNEVEN: f64 = 4.0;
@@ -84,8 +84,8 @@ struct Line {
 
 /// How much of ∫ B over a cell may lie beyond its lines, seen by none of its points.
 ///
-/// At a depth h beyond a line, an edge or a corner at a distance d has turned by h / d at most, as seen from there. It has
-/// swept a band of the target of that width.
+/// At a depth h beyond a line, an edge or a corner at a distance d has turned by h / d at most, as seen from there. It
+/// has swept a band of the target of that width.
 struct Missed {
     /// The greatest unoccluded factor from a corner of the cell, times its area.
     whole: f64,
