@@ -682,6 +682,49 @@ pub(crate) fn null_rules() -> &'static [[f64; 19]; 3] {
     })
 }
 
+/// How far a triangle's three *corner points* lie from its corners, in barycentric coordinates.
+const BESIDE_CORNER: f64 = 5e-3;
+
+/// Points near a triangle's corners, nearer than any of the nineteen.
+pub(crate) fn corner_points([a, b, c]: &[DVec3; 3]) -> [DVec3; 3] {
+    let all = (*a + *b + *c) * BESIDE_CORNER;
+    [a, b, c].map(|corner| all + *corner * (1.0 - 3.0 * BESIDE_CORNER))
+}
+
+/// What a function's values at the nineteen points say of its values at the three corner points, a rule each: those of
+/// the polynomial of degree 4 through them, by least squares.
+pub(crate) fn corner_rules() -> &'static [[f64; 19]; 3] {
+    static RULES: OnceLock<[[f64; 19]; 3]> = OnceLock::new();
+    RULES.get_or_init(|| {
+        let cell = [DVec3::X, DVec3::Y, DVec3::Z];
+        let (points, corners) = (nineteen(&cell), corner_points(&cell));
+        // Orthonormal polynomials over the nineteen points, each with its values at the corner points.
+        let mut basis: Vec<([f64; 19], [f64; 3])> = Vec::new();
+        for (i, j) in (0..=4).flat_map(|i| (0..=4 - i).map(move |j| (i, j))) {
+            let monomial = |p: DVec3| p.x.powi(i) * p.y.powi(j);
+            let (mut at_points, mut at_corners) = (points.map(|(p, _)| monomial(p)), corners.map(monomial));
+            for _ in 0..2 {
+                for (of_points, of_corners) in &basis {
+                    let share = dot(&at_points, of_points);
+                    at_points.iter_mut().zip(of_points).for_each(|(x, b)| *x -= share * b);
+                    at_corners.iter_mut().zip(of_corners).for_each(|(x, b)| *x -= share * b);
+                }
+            }
+            let length = dot(&at_points, &at_points).sqrt();
+            basis.push((at_points.map(|x| x / length), at_corners.map(|x| x / length)));
+        }
+        [0, 1, 2].map(|corner| {
+            let mut rule = [0.0; 19];
+            for (of_points, of_corners) in &basis {
+                for (weight, x) in rule.iter_mut().zip(of_points) {
+                    *weight += x * of_corners[corner];
+                }
+            }
+            rule
+        })
+    })
+}
+
 fn dot(p: &[f64; 19], q: &[f64; 19]) -> f64 {
     p.iter().zip(q).map(|(p, q)| p * q).sum()
 }
@@ -751,6 +794,22 @@ mod tests {
             }
             let kink = dot(rule, &points.map(|(p, _)| (p.x + 0.3 * p.y - 0.4).max(0.0)));
             assert!(kink.abs() > 1e-5, "{kink}");
+        }
+    }
+
+    #[test]
+    fn corner_rules_have_the_values_of_polynomials_of_degree_four() {
+        let cell = [DVec3::X, DVec3::Y, DVec3::Z];
+        let (points, corners) = (nineteen(&cell), corner_points(&cell));
+        for (rule, corner) in corner_rules().iter().zip(corners) {
+            for (i, j) in (0..=5).flat_map(|i| (0..=5 - i).map(move |j| (i, j))) {
+                let of = |p: DVec3| p.x.powi(i) * p.z.powi(j);
+                let off = (dot(rule, &points.map(|(p, _)| of(p))) - of(corner)).abs();
+                assert!(i + j > 4 || off < 1e-12, "x^{i} z^{j}: {off}");
+            }
+            let of = |p: DVec3| (p.distance(corner) < 0.02).then_some(1.0).unwrap_or_default();
+            let off = dot(rule, &points.map(|(p, _)| of(p))) - of(corner);
+            assert!((off + 1.0).abs() < 1e-12, "{off}");
         }
     }
 

@@ -171,7 +171,7 @@ fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
 }
 
 /// Number of weights of an edge: two rules and three null rules.
-pub(crate) const RULES: usize = 5;
+pub(crate) const RULES: usize = 8;
 
 /// Sums over edges of Lambert's terms, eight edges at a time, with [`RULES`] weights each.
 #[derive(Clone, Debug)]

@@ -14,15 +14,20 @@
 //! Cells are integrated by Radon's seven points of degree 5, and by nineteen of degree 8 that hold these seven (Laurie
 //! 1982). A cell's error is the difference of the two, more where they agree and three other null rules do not, and
 //! more where a critical line crosses it. The cell with the largest error is cut along the critical line that divides
-//! it most evenly, or in halves where none does, until all errors together are small enough. Places where three edges
-//! pass each other (EEE events) are curved; they are left to the halving.
+//! it most evenly, or in halves where none does, until all errors together are small enough.
+//!
+//! Places where three edges pass each other (EEE events) are curved; they are left to the halving. Where one cuts off a
+//! corner of a cell, none of the nineteen points may lie beyond it. So B is taken near the corners, too, and held
+//! against the polynomial through the nineteen.
 //!
 //! No arrangement of all critical lines from the start, because a pair between two boxes has a hundred of them, and
 //! thousands of cells, of which a few hold all of the error.
 
 use super::shadows::Shadows;
 use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, Sides};
-use crate::factor::{EdgeTerms, LANES, RULES, contour, nineteen, null_rules, point_to_polygon};
+use crate::factor::{
+    EdgeTerms, LANES, RULES, contour, corner_points, corner_rules, nineteen, null_rules, point_to_polygon,
+};
 use crate::geometry::{self, crossing, in_front};
 use crate::visibility::bodies::{Bodies, BodyEdge};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -57,6 +62,12 @@ const UNEVEN: f64 = 4.0;
 /// Part of the length of all four null rules that is the least difference of the two rules. Chosen by the same rooms,
 /// of which 0.3 left a factor 8 bounds off.
 const BY_CHANCE: f64 = 1.0;
+/// Points of a cell: nineteen, and one near each corner.
+const POINTS: usize = 22;
+/// Part of a cell's area that is near a corner and beyond all of the nineteen points: 0.0035 on one side of a line past
+/// the corner's nearest point, up to 0.05 along an edge, and there what a function has that grows from 0 in a line is a
+/// third to a half.
+const AT_CORNER: f64 = 0.01;
 /// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
 const MOST_FACES: usize = 6;
 /// In place of a body.
@@ -139,6 +150,8 @@ struct Cell {
     value: f64,
     /// |difference from degree 5|, at least [`BY_CHANCE`] of what null rules say.
     difference: f64,
+    /// What the corners of the cell, where no point of a rule lies, may have other than its points say.
+    at_corners: f64,
     /// Error bound of `value`.
     error: f64,
     depth: u32,
@@ -347,7 +360,7 @@ impl CriticalCells {
             error -= worst.error;
             for mut part in parts {
                 if part.lines.is_empty() {
-                    part.error *= fall;
+                    part.error = (part.error * fall).max(part.at_corners);
                 }
                 error += part.error;
                 cells.push(part);
@@ -718,6 +731,7 @@ impl CriticalCells {
             lines: self.crossing.len()..self.crossing.len(),
             value: 0.0,
             difference: 0.0,
+            at_corners: 0.0,
             error: 0.0,
             depth,
             worst: None,
@@ -780,7 +794,7 @@ impl CriticalCells {
         }
         self.evaluate(&mut cell, view)?;
         // What begins beyond a line may have been missed, and both rules may agree on it by chance.
-        cell.error = cell.difference.max(missed.most);
+        cell.error = cell.difference.max(cell.at_corners).max(missed.most);
         out.push(cell);
         Some(())
     }
@@ -825,7 +839,7 @@ impl CriticalCells {
                 best = Some((heights, share));
             }
         }
-        let is_missed = cell.error > cell.difference;
+        let is_missed = cell.error > cell.difference.max(cell.at_corners);
         if let Some(worst) = cell.worst.filter(|_| is_missed) {
             let heights = self.lines[worst as usize].heights(&cell.corners, self.beside);
             best = share_beyond(heights).map(|share| (heights, share));
@@ -856,7 +870,8 @@ impl CriticalCells {
             None => self.sums_by_pieces(cell, view)?,
         };
         self.points += 19;
-        let [fifth, eighth, nulls @ ..] = sums.map(|sum| sum * area);
+        let [fifth, eighth, one, two, three, at_corners @ ..] = sums.map(|sum| sum * area);
+        let nulls = [one, two, three];
         let difference = (eighth - fifth).abs();
         let all = nulls
             .iter()
@@ -864,6 +879,7 @@ impl CriticalCells {
             .sqrt();
         cell.value = eighth;
         cell.difference = difference.max(BY_CHANCE * all);
+        cell.at_corners = AT_CORNER * at_corners.iter().map(|off| off.abs()).sum::<f64>();
         Some(())
     }
 
@@ -877,21 +893,19 @@ impl CriticalCells {
         if self.shadows.cones.len() > MOST_CONES {
             return None;
         }
-        let points = nineteen(&cell.corners);
-        let [one, two, three] = null_rules();
+        let points = weighted_points(&cell.corners);
         let mut sums = [0.0; RULES];
-        for start in (0..points.len()).step_by(LANES) {
+        for some in points.chunks(LANES) {
             let mut at = [[0.0; LANES]; 3];
             for l in 0..LANES {
-                let (x, _) = points[(start + l).min(points.len() - 1)];
+                let (x, _) = some[l.min(some.len() - 1)];
                 for (of_axis, x) in at.iter_mut().zip(x.to_array()) {
                     of_axis[l] = x;
                 }
             }
             let factors = self.shadows.factors(&at)?;
-            for (k, factor) in (start..points.len()).zip(factors) {
-                let [fifth, eighth] = points[k].1;
-                for (sum, weight) in sums.iter_mut().zip([fifth, eighth, one[k], two[k], three[k]]) {
+            for ((_, weights), factor) in some.iter().zip(factors) {
+                for (sum, weight) in sums.iter_mut().zip(weights) {
                     *sum += factor * weight;
                 }
             }
@@ -901,9 +915,7 @@ impl CriticalCells {
 
     /// The sums of a cell's rules, by pieces of polygons; `None` with too many pieces.
     fn sums_by_pieces(&mut self, cell: &Cell, view: &View<'_>) -> Option<[f64; RULES]> {
-        let [one, two, three] = null_rules();
-        for (k, (x, [fifth, eighth])) in nineteen(&cell.corners).into_iter().enumerate() {
-            let weights = [fifth, eighth, one[k], two[k], three[k]];
+        for (x, weights) in weighted_points(&cell.corners) {
             self.point(x, weights, &cell.relevant, view)?;
         }
         Some(self.terms.finish())
@@ -1066,6 +1078,24 @@ impl CriticalCells {
             }
         }
     }
+}
+
+/// Points of a cell, each with its weights: in the rules of degree 5 and 8, in three null rules, and in what each of the
+/// corner points is off the polynomial through the nineteen others.
+fn weighted_points(cell: &[DVec3; 3]) -> [(DVec3, [f64; RULES]); POINTS] {
+    let (nulls, corners) = (null_rules(), corner_rules());
+    let mut points = [(DVec3::ZERO, [0.0; RULES]); POINTS];
+    for (k, (x, [fifth, eighth])) in nineteen(cell).into_iter().enumerate() {
+        let [one, two, three] = nulls.map(|rule| rule[k]);
+        let [p, q, r] = corners.map(|rule| -rule[k]);
+        points[k] = (x, [fifth, eighth, one, two, three, p, q, r]);
+    }
+    for (k, x) in corner_points(cell).into_iter().enumerate() {
+        let weights = &mut points[POINTS - 3 + k];
+        weights.0 = x;
+        weights.1[RULES - 3 + k] = 1.0;
+    }
+    points
 }
 
 /// Appends a polygon, in two if it has more than [`MANY`] corners.
