@@ -194,15 +194,9 @@ const SKY_ONLY: f64 = 4.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;
 
-/// Number of times that the fractions of a doubtful row are moved towards its known sum, each time by three standard
-/// errors at most: of one cut short by its bound, or done again without a tolerance because its sum was off. Standard
-/// errors say too little of it. A choice.
-const MOVES_IN_DOUBT: usize = 8;
-
-/// The number of times that a row's fractions are moved.
-const fn most_moves(is_doubtful: bool) -> usize {
-    if is_doubtful { MOVES_IN_DOUBT } else { 1 }
-}
+/// Number of times at most that the fractions of a row are moved towards its known sum, each time by three standard
+/// errors at most: where one time does not do, standard errors say too little of it. A choice.
+const MOVES: usize = 8;
 
 /// A patch in one of the row's hemicubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -447,7 +441,7 @@ impl<'c> Converter<'c> {
             }
         }
         if (!is_inconsistent || attempt.is_last) && !attempt.is_large && weights.sees_anything {
-            let added = balance.add_up(emitter, &mut row, refiner, most_moves(cut_short || attempt.is_last));
+            let added = balance.add_up(emitter, &mut row, refiner, MOVES);
             rays += added.rays + added.points;
         }
         for entry in row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas) {
@@ -494,7 +488,7 @@ impl<'c> Converter<'c> {
         let mut row = std::mem::take(&mut refiner.pairs);
         if !refiner.measures_each() && !attempt.is_large && weights.sees_anything {
             let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
-            let moves = if may_move { most_moves(refined.cut_short) } else { 0 };
+            let moves = if may_move { MOVES } else { 0 };
             let emitter = &Emitter::new(balance.model, balance.emitter);
             let added = balance.add_up(emitter, &mut row, refiner, moves);
             refined.rays += added.rays;

@@ -8,9 +8,9 @@
 //! rows may be larger, by efforts of up to 8. What a row sums to keeps the tolerance whatever the effort, and so do
 //! closed forms. Everything depends on the scene, the settings and the seed, never on a clock.
 //!
-//! Settling is bounded, as rows are: its rows tried with a quarter of the tolerance take sixteen times the steps of a
-//! row's bound at most, and so do its efforts. Where the first do, fewer rows are tried, evenly from the sample; where
-//! the second do, the effort is the last one's in proportion to its error, and the reason says so. A row tried that its
+//! Settling is bounded, as rows are: its rows tried with a quarter of the tolerance take 6 · 10⁹ steps, or twice those
+//! of a row's bound if these are more, and so do its efforts. Where the first do, fewer rows are tried, evenly from the
+//! sample, eight at least; where the second do, the effort is the last one's in proportion to its error, and the reason says so. A row tried that its
 //! bound cut short has its own expected error on top of what efforts differ from it by.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
@@ -93,11 +93,16 @@ const LEAST_SHARED: f64 = 1.0 / 16.0;
 /// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
 const LEAST_ESTIMATE: f64 = 0.05;
 const MOST_ESTIMATE: f64 = 4.0;
-/// Bound of the steps of the rows tried with a quarter of the tolerance, and of the efforts tried, in bounds of a row.
-/// A choice.
-const BOUND_IN_ROWS: u64 = 16;
-/// Number of rows, and of their twins, that are tried at once.
-const CHUNK: usize = 8;
+/// Bound of the steps of the rows tried with a quarter of the tolerance, and of the efforts tried; and the same in
+/// bounds of a row: the larger counts. About ten seconds of one thread each. Choices.
+const BOUND: u64 = 6_000_000_000;
+const BOUND_IN_ROWS: u64 = 2;
+/// Number of rows, and of their twins, that are tried at once, and the least number tried.
+const CHUNK: usize = 4;
+const TRIED_AT_LEAST: usize = 8;
+/// Entries after which no further row counts for the norm, and the rows that count in any case. Choices.
+const NORM_ENTRIES: usize = 1_000_000;
+const NORM_ROWS_AT_LEAST: usize = 64;
 /// A calibration's reason where its effort was not tried.
 const BY_PROPORTION: &str = "by proportion";
 /// Seed of the sample.
@@ -310,18 +315,29 @@ impl Sample<'_> {
         };
         let mut refiner = self.refiner(plain);
         let (mut norm, mut rows) = (0.0, Vec::new());
-        for (k, &row) in self.rows.iter().enumerate() {
+        // All rows of grouped patches: they are added up by their places.
+        let places = match self.grouping {
+            Some(_) => (0..count).collect(),
+            None => spread(count),
+        };
+        let (mut counted, mut entries) = (0usize, 0);
+        for k in places {
+            if self.grouping.is_none() && entries >= NORM_ENTRIES && counted >= NORM_ROWS_AT_LEAST {
+                break;
+            }
             self.go_on()?;
             norm += refiner
-                .row(model, row, seen(self.fine.row(k)), false, receives)
+                .row(model, self.rows[k], seen(self.fine.row(k)), false, receives)
                 .squared_norm;
+            entries += refiner.pairs.len();
+            counted += 1;
             if self.grouping.is_some() {
                 rows.push(self.of_patches(values(&refiner.pairs)));
             }
         }
         let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
         let known = Refinement {
-            mean_squared_norm: norm / count.max(1) as f64,
+            mean_squared_norm: norm / counted.max(1) as f64,
             is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
             all: patch_count <= SMALL,
             ..Refinement::for_tolerance(self.tolerance)
@@ -379,7 +395,7 @@ impl Sample<'_> {
             Some(_) => self.tried.len() / 2,
             None => self.tried.len(),
         };
-        let most_steps = BOUND_IN_ROWS * finest.most_steps();
+        let most_steps = bound(&finest);
         let mut exact: Vec<(usize, Tried)> = Vec::with_capacity(self.tried.len());
         let mut steps = 0;
         for chunk in spread(own).chunks(CHUNK) {
@@ -394,7 +410,7 @@ impl Sample<'_> {
                 let squared_error = if refined.cut_short { refined.squared_error } else { 0.0 };
                 exact.push((n, Tried { row, squared_error }));
             }
-            if steps >= most_steps {
+            if steps >= most_steps && exact.len() >= TRIED_AT_LEAST {
                 break;
             }
         }
@@ -475,7 +491,7 @@ impl Sample<'_> {
         let [cheapest, dearer @ ..] = EFFORTS;
         let [.., dearest] = EFFORTS;
         let most = MARGIN * self.tolerance;
-        let most_steps = BOUND_IN_ROWS * known.most_steps();
+        let most_steps = bound(&known);
         let (mut found, mut steps) = self.try_effort(known, norm, exact, cheapest)?;
         for effort in dearer {
             if found.at_most <= most {
@@ -510,6 +526,11 @@ impl Sample<'_> {
         }
         Ok(found)
     }
+}
+
+/// Bound of the steps of settling's rows, or of its efforts.
+fn bound(refinement: &Refinement) -> u64 {
+    BOUND.max(BOUND_IN_ROWS * refinement.most_steps())
 }
 
 /// The numbers below `count`, each first part of them evenly spread: those of the even places follow those of every
