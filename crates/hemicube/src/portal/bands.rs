@@ -151,7 +151,7 @@ fn follow<const N: usize>(
     }
     let mut ledgers: [Ledger; N] = std::array::from_fn(|band| std::mem::take(&mut followed[band].ledger));
     ledgers.iter_mut().for_each(Ledger::clear);
-    passes.legs = [0; N];
+    passes.begin_row();
     passes.legs_max = legs_of_pixels(seen.hemicubes);
     let mut taker = Taker {
         ledgers: &mut ledgers,

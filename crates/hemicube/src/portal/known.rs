@@ -10,8 +10,10 @@ use crate::bvh::{LANES, Tree};
 use crate::geometry::Plane;
 use glam::DVec3;
 
-/// Legs kept of a row at most: 2 MiB. Of a row of more, those kept first are known.
-const MOST: usize = 1 << 14;
+/// Legs kept of a row at most: 4 MiB. Of a row of more, those kept first are known.
+const MOST: usize = 1 << 15;
+/// Places looked at for a leg.
+const PROBES: usize = 4;
 /// The slot of a leg that meets nothing.
 const NOTHING: u32 = u32::MAX;
 
@@ -69,20 +71,29 @@ impl KnownLegs {
             return nearest(tree, start, end, horizon, pending);
         }
         let key = key(start, end, horizon);
-        let leg = &mut self.legs[place(&key)];
-        if leg.row == self.row && leg.key == key {
-            let slot = leg.slot as usize;
-            return (leg.slot != NOTHING).then(|| Met {
-                place: leg.place,
-                id: leg.id,
-                slot: leg.slot,
-                corners: tree.blocks[slot / LANES].triangle(slot % LANES),
-            });
+        let first = place(&key);
+        let mut free = None;
+        for probe in 0..PROBES {
+            let at = (first + probe) % MOST;
+            let leg = &self.legs[at];
+            if leg.row != self.row {
+                free = Some(at);
+                break;
+            }
+            if leg.key == key {
+                let slot = leg.slot as usize;
+                return (leg.slot != NOTHING).then(|| Met {
+                    place: leg.place,
+                    id: leg.id,
+                    slot: leg.slot,
+                    corners: tree.blocks[slot / LANES].triangle(slot % LANES),
+                });
+            }
         }
         let met = nearest(tree, start, end, horizon, pending);
-        if leg.row != self.row {
+        if let Some(at) = free {
             let (slot, id, place) = met.map_or((NOTHING, 0, 0.0), |met| (met.slot, met.id, met.place));
-            *leg = Leg {
+            self.legs[at] = Leg {
                 key,
                 row: self.row,
                 slot,

@@ -12,8 +12,9 @@
 //!
 //! N bands may be followed together, a pixel with a weight for each. A window is drawn once for the open pixels of all,
 //! because what a pixel sees does not depend on which others are open. Legs, bounds, and whether a window has few pixels
-//! are counted for each band by itself, so that each has the weights that it has alone, to the bit. Merging is by the
-//! weights of one: where a band gets to it, all are followed again, each alone, which bounds the cost at twice.
+//! are counted for each band by itself, and its pixels merge by its own weights, so that each has the weights that it has
+//! alone, to the bit. Merging depends on the order of passes. Where a band would have had another order by itself and
+//! gets to merging, all are followed again, each alone, which bounds the cost at twice.
 
 use super::gather::{Column, Ledger};
 use super::motion::OTHER;
@@ -51,15 +52,11 @@ struct Pixel<const N: usize> {
     y: u16,
     /// Of each band; 0 where its path has ended.
     weights: [u64; N],
-    /// It is cut off where no more than this is left.
-    least: u64,
+    /// They are cut off where no more than this is left.
+    least: [u64; N],
 }
 
 impl<const N: usize> Pixel<N> {
-    fn weight(&self) -> u64 {
-        self.weights.iter().sum()
-    }
-
     /// The window that it belongs to.
     fn window(&self) -> [u32; 3] {
         [u32::from(self.face), u32::from(self.y) / EDGE, u32::from(self.x) / EDGE]
@@ -206,6 +203,11 @@ pub(super) struct Passes<const N: usize> {
     /// Pixels of a pass's children: through panes, then off mirrors, of each plane.
     children: Vec<Vec<Pixel<N>>>,
     used: Vec<u32>,
+    /// Of each of those, the bands that use it; and those of each band, in its own order.
+    users: Vec<[bool; N]>,
+    used_by: [Vec<u32>; N],
+    /// Bands that would have had another order of passes by themselves.
+    is_disordered: [bool; N],
     /// Emptied, to be used again.
     spare: Vec<Vec<Pixel<N>>>,
     /// What pixels of a window show, drawn and cast.
@@ -237,6 +239,7 @@ impl<const N: usize> Passes<N> {
         let is_portal = |patch: usize| optics.iter().any(|band| band.get(patch).is_some_and(Optics::is_portal));
         Self {
             children: vec![Vec::new(); 2 * planes.planes.len()],
+            users: vec![[false; N]; 2 * planes.planes.len()],
             planes,
             is_portal: (0..count).map(is_portal).chain([false]).collect(),
             tree: Arc::clone(tree),
@@ -246,6 +249,8 @@ impl<const N: usize> Passes<N> {
             rays: Vec::new(),
             pending: Vec::new(),
             used: Vec::new(),
+            used_by: std::array::from_fn(|_| Vec::new()),
+            is_disordered: [false; N],
             spare: Vec::new(),
             seen: Vec::new(),
             sums: vec![[[0; 2]; N]; count],
@@ -256,13 +261,19 @@ impl<const N: usize> Passes<N> {
         }
     }
 
+    /// Begins a row, whose hemicubes are followed one after the other.
+    pub(super) fn begin_row(&mut self) {
+        self.legs = [0; N];
+        self.is_disordered = [false; N];
+    }
+
     /// Returns whether a patch is a portal in any of the bands.
     pub(super) fn is_portal(&self, patch: u32) -> bool {
         self.is_portal.get(patch as usize) == Some(&true)
     }
 
     /// Follows a hemicube's pixels. `portals` are those that the hemicube may see. Returns false, with ledgers that say
-    /// nothing, where one of several bands gets to merging: each is to be followed alone.
+    /// nothing, where one of several bands gets to merging out of its order: each is to be followed alone.
     pub(super) fn follow(
         &mut self,
         view: &PixelView<'_>,
@@ -312,7 +323,7 @@ impl<const N: usize> Passes<N> {
                         x: x as u16,
                         y: y as u16,
                         weights: sees.map(|sees| if sees { weight } else { 0 }),
-                        least: (weight as f64 * bound) as u64,
+                        least: [(weight as f64 * bound) as u64; N],
                     };
                     let passed = self.hand_on(&pixel, patch, 0, &view, &surfaces, taker.ledgers);
                     for (band, ledger) in taker.ledgers.iter_mut().enumerate() {
@@ -330,8 +341,8 @@ impl<const N: usize> Passes<N> {
         self.begin_children(hemicube.origin, hemicube.axes, 0);
         while let Some(pass) = self.pending.pop() {
             self.draw(&pass, resolution, &surfaces, taker);
-            let is_bound = N > 1 && self.legs.iter().any(|&legs| legs >= self.legs_max / MERGE[0].0);
-            if is_bound {
+            let mut bands = self.legs.iter().zip(self.is_disordered);
+            if bands.any(|(&legs, is_disordered)| is_disordered && legs >= self.legs_max / MERGE[0].0) {
                 self.forget();
                 return false;
             }
@@ -362,8 +373,10 @@ impl<const N: usize> Passes<N> {
         for patch in self.touched.drain(..) {
             self.sums[patch as usize] = [[0; 2]; N];
         }
+        self.used_by.iter_mut().for_each(Vec::clear);
         for place in self.used.drain(..) {
             self.children[place as usize].clear();
+            self.users[place as usize] = [false; N];
         }
     }
 
@@ -442,7 +455,7 @@ impl<const N: usize> Passes<N> {
             passed[band] = reflected + through;
             let is_over = depth >= PASSES_MAX || self.legs[band] >= self.legs_max;
             for (weight, side) in [(through, 0), (reflected, 1)] {
-                if is_over || weight <= pixel.least || planes[band] == u32::MAX {
+                if is_over || weight <= pixel.least[band] || planes[band] == u32::MAX {
                     ledgers[band].cut_off += weight;
                 } else {
                     on[side][band] = weight;
@@ -466,6 +479,14 @@ impl<const N: usize> Passes<N> {
                     }
                 }
                 pixels.push(Pixel { weights, ..*pixel });
+                if N > 1 {
+                    let users = &mut self.users[place as usize];
+                    for (other, used) in self.used_by.iter_mut().enumerate() {
+                        if weights[other] > 0 && !std::mem::replace(&mut users[other], true) {
+                            used.push(place);
+                        }
+                    }
+                }
             }
         }
         passed
@@ -473,7 +494,13 @@ impl<const N: usize> Passes<N> {
 
     /// Makes passes of the pixels handed on, as seen by a hemicube.
     fn begin_children(&mut self, eye: DVec3, axes: [DVec3; 3], depth: u32) {
+        for (band, used) in self.used_by.iter_mut().enumerate() {
+            let own = self.used.iter().filter(|&&place| self.users[place as usize][band]);
+            self.is_disordered[band] |= !own.eq(used.iter());
+            used.clear();
+        }
         for place in self.used.drain(..) {
+            self.users[place as usize] = [false; N];
             let Plane { normal, offset } = self.planes.planes[place as usize / 2];
             let mirrored = |v: DVec3| v - 2.0 * normal.dot(v) * normal;
             let is_mirror = place % 2 == 1;
@@ -488,9 +515,15 @@ impl<const N: usize> Passes<N> {
                 (behind, eye, axes)
             };
             let mut pixels = std::mem::take(&mut self.children[place as usize]);
-            let merges = least_weight(self.legs[0], self.legs_max, self.whole).filter(|_| N == 1);
-            if let Some(least) = merges {
-                merge(&mut pixels, least, self.legs[0]);
+            let mut merges = false;
+            for (band, &legs) in self.legs.iter().enumerate() {
+                if let Some(least) = least_weight(legs, self.legs_max, self.whole) {
+                    merge(&mut pixels, band, least, legs);
+                    merges = true;
+                }
+            }
+            if merges {
+                pixels.retain(|pixel| pixel.weights != [0; N]);
             }
             self.pending.push(Pass {
                 eye,
@@ -642,38 +675,33 @@ fn least_weight(legs: u64, legs_max: u64, whole: u64) -> Option<u64> {
     begun.map(|(_, pixels)| whole / pixels)
 }
 
-/// Merges pixels lighter than `least` with their successors, until they are as heavy together. `seed` is for the draws.
-fn merge<const N: usize>(pixels: &mut Vec<Pixel<N>>, least: u64, seed: u64) {
-    let mut kept = 0;
-    let mut group: Option<Pixel<N>> = None;
+/// Merges pixels of a band lighter than `least` with their successors, until they are as heavy together: one gets the
+/// weight of all, and the others keep none. `seed` is for the draws.
+fn merge<const N: usize>(pixels: &mut [Pixel<N>], band: usize, least: u64, seed: u64) {
+    // The place of a pixel that is not yet heavy enough.
+    let mut group: Option<usize> = None;
+    let mut number = 0;
     for at in 0..pixels.len() {
-        let pixel = pixels[at];
-        let before = group.take();
-        let merged = match before {
-            None => pixel,
-            Some(before) => {
-                let weight = before.weight() + pixel.weight();
-                let draw = splitmix::unit(splitmix::hash(seed << 24 ^ at as u64));
-                let one = if draw * (weight as f64) < pixel.weight() as f64 {
-                    pixel
-                } else {
-                    before
-                };
-                Pixel {
-                    weights: std::array::from_fn(|band| before.weights[band] + pixel.weights[band]),
-                    least: before.least + pixel.least,
-                    ..one
-                }
+        if pixels[at].weights[band] == 0 {
+            continue;
+        }
+        let mut one = at;
+        if let Some(before) = group.take() {
+            let weights = [before, at].map(|place| std::mem::take(&mut pixels[place].weights[band]));
+            let bounds = [before, at].map(|place| std::mem::take(&mut pixels[place].least[band]));
+            let weight = weights[0] + weights[1];
+            let draw = splitmix::unit(splitmix::hash(seed << 24 ^ number));
+            if draw * (weight as f64) >= weights[1] as f64 {
+                one = before;
             }
-        };
-        if merged.weight() >= least || at + 1 == pixels.len() {
-            pixels[kept] = merged;
-            kept += 1;
-        } else {
-            group = Some(merged);
+            pixels[one].weights[band] = weight;
+            pixels[one].least[band] = bounds[0] + bounds[1];
+        }
+        number += 1;
+        if pixels[one].weights[band] < least {
+            group = Some(one);
         }
     }
-    pixels.truncate(kept);
 }
 
 /// A face of a hemicube behind a portal, or before it.
@@ -725,26 +753,27 @@ mod tests {
                 x,
                 y: 0,
                 weights: [if x == 7 { 1000 } else { 10 + u64::from(x % 3) * 20 }],
-                least: 1,
+                least: [1],
             })
             .collect();
-        let sum = |of: &[Pixel<1>]| of.iter().map(Pixel::weight).sum::<u64>();
+        let sum = |of: &[Pixel<1>]| of.iter().map(|pixel| pixel.weights[0]).sum::<u64>();
         let mut means = [0.0; 40];
         let draws = 4000u32;
         for seed in 0..u64::from(draws) {
             let mut merged = pixels.clone();
-            merge(&mut merged, 100, seed);
+            merge(&mut merged, 0, 100, seed);
+            merged.retain(|pixel| pixel.weights[0] > 0);
             assert_eq!(sum(&merged), sum(&pixels));
-            assert_eq!(merged.iter().map(|pixel| pixel.least).sum::<u64>(), 40);
+            assert_eq!(merged.iter().map(|pixel| pixel.least[0]).sum::<u64>(), 40);
             assert!(merged.len() < 20 && merged.is_sorted_by_key(|pixel| pixel.x));
-            assert!(merged.iter().rev().skip(1).all(|pixel| pixel.weight() >= 100));
+            assert!(merged.iter().rev().skip(1).all(|pixel| pixel.weights[0] >= 100));
             for pixel in merged {
-                means[usize::from(pixel.x)] += pixel.weight() as f64 / f64::from(draws);
+                means[usize::from(pixel.x)] += pixel.weights[0] as f64 / f64::from(draws);
             }
         }
         for (pixel, mean) in pixels.iter().zip(means) {
             // A draw of at most 150 with that mean: within five standard errors.
-            let weight = pixel.weight() as f64;
+            let weight = pixel.weights[0] as f64;
             let error = (weight * 1150.0 / f64::from(draws)).sqrt();
             assert!((mean - weight).abs() < 5.0 * error, "{mean} {weight}");
         }
