@@ -5,7 +5,7 @@
 
 use hemicube_tests::matrices::entries;
 use hemicube_tests::rooms::{Corner, Quad, both_ways, closed, near, obj, of, place, room, zones};
-use hemicube_tests::runs::{Place, files, until};
+use hemicube_tests::runs::Place;
 
 /// Half a street of one metre and a room behind a window of its wall: the plane of symmetry is x = 1, the period from
 /// y = 0 to 1. A tilted plate in the room is a mirror.
@@ -44,74 +44,6 @@ const OF_STREET: &str = "bands = [\"light\", \"heat\"]\n[object.\"glass*\"]\nspe
                          transmittance = [0.8, 0]\n[object.\"plate*\"]\nspecular = [0.9, 0]\n\
                          [material.\"back*\"]\nspecular = [0.5, 0]\n";
 const SYMMETRIC: &str = "--specular optics.toml --periodic y=0..1 --symmetry x=1 --up z";
-
-/// Bands that end at other depths, of other surfaces, in more than one group, with a period and a plane of symmetry, are
-/// each the matrix that it is alone, on any threads, and killed and gone on with.
-#[test]
-fn bands_are_what_they_are_alone_and_killed() {
-    let values = [
-        ([0.1, 0.8], 0.9, 0.5),
-        ([0.3, 0.0], 0.0, 0.0),
-        ([0.4, 0.6], 0.99, 0.0),
-        ([0.0, 0.0], 0.7, 0.9),
-        ([0.2, 0.7], 0.9, 0.9),
-    ];
-    let list = |of: &dyn Fn(&([f64; 2], f64, f64)) -> f64| format!("{:?}", values.iter().map(of).collect::<Vec<_>>());
-    let optics = |specular: &str, through: &str, plate: &str, back: &str| {
-        format!(
-            "[object.\"glass*\"]\nspecular = {specular}\ntransmittance = {through}\n\
-             [object.\"plate*\"]\nspecular = {plate}\n[material.\"back*\"]\nspecular = {back}\n"
-        )
-    };
-    let all = optics(
-        &list(&|(glass, ..)| glass[0]),
-        &list(&|(glass, ..)| glass[1]),
-        &list(&|&(_, plate, _)| plate),
-        &list(&|&(_, _, back)| back),
-    );
-    let place = place(
-        &street(),
-        &format!("bands = [\"a\", \"b\", \"c\", \"d\", \"e\"]\n{all}"),
-    );
-    for (number, ([reflected, through], plate, back)) in values.into_iter().enumerate() {
-        let [reflected, through, plate, back] = [reflected, through, plate, back].map(|value: f64| value.to_string());
-        place.write(
-            format!("alone-{number}.toml"),
-            optics(&reflected, &through, &plate, &back),
-        );
-    }
-    let parts = |store: String| files(&place.path(store).join("parts"));
-    for level in ["--correction pixel", "--correction point", "", "--tolerance 1%"] {
-        let settings = format!("--split 2 {level} --periodic y=0..1 --symmetry x=1 --up z --repeats 1 --overwrite");
-        let line = |optics: &str| format!("compute scene.obj --specular {optics} {settings}");
-        place
-            .line(&format!("{} -o whole --threads 1", line("optics.toml")))
-            .is(0);
-        let resumed = line("optics.toml").replace("--overwrite", "-o killed-by --threads 1");
-        let mut child = place.spawn(place.command(&resumed));
-        until("a part", || {
-            let begun = std::fs::read_dir(place.path("killed-by-e/parts"));
-            begun.is_ok_and(|mut parts| parts.next().is_some()) || child.try_wait().expect("a child").is_some()
-        });
-        child.kill().expect("a signal");
-        child.wait().expect("it ends");
-        place.line(&resumed).is(0);
-        for (number, band) in ["a", "b", "c", "d", "e"].into_iter().enumerate() {
-            assert!(
-                parts(format!("whole-{band}")) == parts(format!("killed-by-{band}")),
-                "{level} {band}"
-            );
-            std::fs::remove_dir_all(place.path(format!("killed-by-{band}"))).expect("removed");
-            place
-                .line(&format!("{} -o alone", line(&format!("alone-{number}.toml"))))
-                .is(0);
-            assert!(
-                parts(format!("whole-{band}")) == parts("alone".to_owned()),
-                "{level} {band}"
-            );
-        }
-    }
-}
 
 #[test]
 fn everything_at_once_has_the_rows_of_the_whole() {
