@@ -16,6 +16,8 @@ use std::sync::Arc;
 
 /// Bands followed together at most. A choice: each has a weight in every pixel.
 const TOGETHER: usize = 4;
+/// Rows followed band by band at most after one that had to be followed again. A choice.
+const ALONE_MAX: u32 = 31;
 
 /// A row's hemicubes and what they see directly.
 #[derive(Clone, Copy)]
@@ -58,6 +60,10 @@ struct Group {
     bands: Range<usize>,
     passes: Together,
     table: Arc<DeltaTable>,
+    /// Rows to follow band by band, and how many of them after the next that is followed again: rows nearby are alike,
+    /// and a row is the same either way.
+    alone: u32,
+    next_alone: u32,
 }
 
 impl Common {
@@ -86,6 +92,8 @@ impl Common {
                 bands: range,
                 passes,
                 table,
+                alone: 0,
+                next_alone: 1,
             })
         };
         let groups: Vec<Group> = (0..count).filter_map(group).collect();
@@ -112,11 +120,21 @@ impl Common {
         for group in &mut self.groups {
             let bands = &bands[group.bands.clone()];
             let followed = &mut self.followed[group.bands.clone()];
+            if group.alone > 0 {
+                group.alone -= 1;
+                continue;
+            }
             let table = &group.table;
-            match &mut group.passes {
+            let is_whole = match &mut group.passes {
                 Together::Two(passes) => follow(passes, bands, followed, table, seen, &receives, session)?,
                 Together::Three(passes) => follow(passes, bands, followed, table, seen, &receives, session)?,
                 Together::Four(passes) => follow(passes, bands, followed, table, seen, &receives, session)?,
+            };
+            if is_whole {
+                group.next_alone = 1;
+            } else {
+                group.alone = group.next_alone;
+                group.next_alone = (2 * group.next_alone + 1).min(ALONE_MAX);
             }
         }
         Ok(())
@@ -129,7 +147,7 @@ impl Common {
     }
 }
 
-/// Follows a row's pixels for N bands.
+/// Follows a row's pixels for N bands. Returns false where each is to be followed alone.
 fn follow<const N: usize>(
     passes: &mut Passes<N>,
     bands: &[&Extender<'_>],
@@ -138,7 +156,7 @@ fn follow<const N: usize>(
     seen: Seen<'_>,
     receives: impl Fn(u32) -> bool,
     session: &mut dyn HemicubeBackend,
-) -> Result<(), BackendError> {
+) -> Result<bool, BackendError> {
     let surfaces: [_; N] = std::array::from_fn(|band| bands[band].surfaces());
     let portals: Vec<u32> = seen
         .columns
@@ -147,7 +165,7 @@ fn follow<const N: usize>(
         .filter(|&patch| passes.is_portal(patch))
         .collect();
     if portals.is_empty() {
-        return Ok(());
+        return Ok(true);
     }
     let mut ledgers: [Ledger; N] = std::array::from_fn(|band| std::mem::take(&mut followed[band].ledger));
     ledgers.iter_mut().for_each(Ledger::clear);
@@ -184,5 +202,5 @@ fn follow<const N: usize>(
     for ((followed, ledger), legs) in followed.iter_mut().zip(ledgers).zip(passes.legs) {
         *followed = Followed { ledger, legs, is_valid };
     }
-    Ok(())
+    Ok(is_valid)
 }
