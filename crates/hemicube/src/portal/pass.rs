@@ -10,11 +10,11 @@
 //! followed each for itself. Neighbours of a pass, together of a least weight T, are one pixel with the weight of all:
 //! the one that a draw in proportion to their weights takes, so that the expectation of every pixel stays what it was.
 //!
-//! N bands may be followed together, a pixel with a weight for each. A window is drawn once for the open pixels of all,
-//! because what a pixel sees does not depend on which others are open. Legs, bounds, and whether a window has few pixels
-//! are counted for each band by itself, and its pixels merge by its own weights, so that each has the weights that it has
-//! alone, to the bit. Merging depends on the order of passes. Where a band would have had another order by itself and
-//! gets to merging, all are followed again, each alone, which bounds the cost at twice.
+//! N bands may be followed together, a pixel with a weight for each. A window is drawn once for the open pixels of
+//! all, because what a pixel sees does not depend on which others are open. Legs, bounds, and whether a window has few
+//! pixels are counted for each band by itself, and its pixels merge by its own weights, so that each has the weights
+//! that it has alone, to the bit. Merging depends on the order of passes. Where a band would have had another order by
+//! itself and gets to merging, all are followed again, each alone, which bounds the cost at twice.
 
 use super::gather::{Column, Ledger};
 use super::motion::OTHER;
