@@ -5,7 +5,7 @@
 
 use hemicube_tests::matrices::entries;
 use hemicube_tests::rooms::{Corner, Quad, both_ways, closed, near, obj, of, place, room, zones};
-use hemicube_tests::runs::Place;
+use hemicube_tests::runs::{Place, files};
 
 /// Half a street of one metre and a room behind a window of its wall: the plane of symmetry is x = 1, the period from
 /// y = 0 to 1. A tilted plate in the room is a mirror.
@@ -44,6 +44,81 @@ const OF_STREET: &str = "bands = [\"light\", \"heat\"]\n[object.\"glass*\"]\nspe
                          transmittance = [0.8, 0]\n[object.\"plate*\"]\nspecular = [0.9, 0]\n\
                          [material.\"back*\"]\nspecular = [0.5, 0]\n";
 const SYMMETRIC: &str = "--specular optics.toml --periodic y=0..1 --symmetry x=1 --up z";
+
+/// A box with a pane across it: 16 triangles.
+fn two_rooms() -> Vec<Quad<'static>> {
+    let mut quads = room(2., 1., 1.);
+    quads.extend(both_ways((
+        "pane",
+        [[1., 0., 0.], [1., 1., 0.], [1., 1., 1.], [1., 0., 1.]],
+    )));
+    quads
+}
+
+/// Optics of [`two_rooms`] for bands: two mirrors and the extinction of the pane for each, and a wall by a table of
+/// angles. `list` writes the values of a key.
+fn optics_of(values: &[[f64; 3]], list: impl Fn(Vec<f64>) -> String) -> String {
+    let of = |key: usize| list(values.iter().map(|band| band[key]).collect());
+    format!(
+        "[object.x0]\nspecular = {}\n[object.x1]\nspecular = {}\n\
+         [object.pane]\nindex = 1.5\nthickness = 0.01\nextinction = {}\n\
+         [object.y1]\nangles = [[0, 0, 0.1], [60, 0, 0.3], [90, 0, 0.9]]\n",
+        of(0),
+        of(1),
+        of(2),
+    )
+}
+
+/// Bands that end at other depths, of other portals, in one group and in two, are each the matrix that it is alone, on
+/// one thread and on two.
+#[test]
+fn bands_are_what_they_are_alone() {
+    let values = [
+        [0.5, 0.0, 1.0],
+        [0.0, 0.2, 200.0],
+        [0.8, 0.3, 0.0],
+        [0.0, 0.0, 30.0],
+        [0.1, 0.6, 1e4],
+    ];
+    let names = ["a", "b", "c", "d", "e"];
+    let place = place(&two_rooms(), "");
+    for count in [3, 5] {
+        let optics = optics_of(&values[..count], |values| format!("{values:?}"));
+        place.write(
+            format!("of-{count}.toml"),
+            format!("bands = {:?}\n{optics}", &names[..count]),
+        );
+    }
+    for (name, values) in names.iter().zip(&values) {
+        let optics = optics_of(std::slice::from_ref(values), |values| values[0].to_string());
+        place.write(format!("alone-{name}.toml"), optics);
+    }
+    let parts = |store: String| files(&place.path(store).join("parts"));
+    for level in [
+        "--correction pixel --resolution 64",
+        "--correction point --resolution 64",
+        "--resolution 64",
+        "--tolerance 1%",
+    ] {
+        let line = |optics: String, rest: &str| {
+            place
+                .line(&format!(
+                    "compute scene.obj --specular {optics}.toml {level} --overwrite {rest}"
+                ))
+                .is(0);
+        };
+        for name in names {
+            line(format!("alone-{name}"), &format!("-o alone-{name} --threads 1"));
+        }
+        for (count, threads) in [(3, 1), (3, 2), (5, 2)] {
+            line(format!("of-{count}"), &format!("-o of-{count} --threads {threads}"));
+            for name in &names[..count] {
+                let [together, alone] = [format!("of-{count}-{name}"), format!("alone-{name}")].map(parts);
+                assert!(!alone.is_empty() && together == alone, "{level}, {count} bands, {name}");
+            }
+        }
+    }
+}
 
 #[test]
 fn everything_at_once_has_the_rows_of_the_whole() {

@@ -33,9 +33,11 @@
 //! them first.
 
 mod aim;
+pub(crate) mod bands;
 pub mod extend;
 mod gather;
 pub mod images;
+mod known;
 pub mod law;
 mod motion;
 mod pairs;

@@ -11,15 +11,19 @@ use crate::Model;
 use crate::accuracy::correct::{Attempt, Converted, Converter, Correction, Rendered};
 use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
+use crate::delta::DeltaTable;
 use crate::driver::aggregate::{ColumnSums, OpenRow};
 use crate::driver::queue::{Queue, StopOnPanic};
 use crate::face::Items;
+use crate::portal::bands::{Common, Seen};
 use crate::portal::extend::{Draft, Extender};
 use crate::row::{RowBlock, RowError};
 use crate::store::{Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
 use hemicube_scene::InputPatch;
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -544,14 +548,15 @@ struct WorkerBand<'a> {
 }
 
 impl<'a> WorkerBand<'a> {
-    fn new(run: &'a Run<'a>, plan: &'a Plan) -> Self {
+    fn new(run: &'a Run<'a>, plan: &'a Plan, table: &OnceCell<Arc<DeltaTable>>) -> Self {
         Self {
             plan,
             columns: ColumnSums::default(),
             portals: plan.portal_columns(),
             extender: (!plan.portals.is_empty()).then(|| {
                 let (portals, correction) = (&plan.portals, plan.correction);
-                Extender::new(portals, run.model, correction, run.settings.resolution, &run.abandon)
+                let table = || Arc::clone(table.get_or_init(|| Arc::new(DeltaTable::new(run.settings.resolution))));
+                Extender::new(portals, run.model, correction, table, &run.abandon)
             }),
         }
     }
@@ -562,6 +567,7 @@ impl<'a> WorkerBand<'a> {
         row: &Unfinished<'_>,
         start: [usize; 2],
         session: &mut dyn HemicubeBackend,
+        common: (&mut Common, usize),
         batch: &mut Batch,
     ) -> Result<(), ComputeError> {
         let mut converted = row.converted;
@@ -580,7 +586,7 @@ impl<'a> WorkerBand<'a> {
                 error: &mut converted.error,
                 rays: &mut converted.rays,
             };
-            let passage = extender.extend(draft, |patch| self.plan.selection.receives(patch), session);
+            let passage = extender.extend(draft, |patch| self.plan.selection.receives(patch), session, common);
             part.passages.push(passage.map_err(|source| failed(session, source))?);
         }
         let plan = self.plan;
@@ -627,6 +633,8 @@ struct Worker<'a> {
     rows: RowBlock,
     converter: Converter<'a>,
     bands: Vec<WorkerBand<'a>>,
+    /// What bands share behind their portals.
+    common: Common,
     /// True where one drawing gives a row and the pixels that the extender follows: `items`, of the row under way.
     draws_once: bool,
     items: Vec<Items>,
@@ -636,14 +644,21 @@ impl<'a> Worker<'a> {
     fn new(run: &'a Run<'a>, session: Box<dyn HemicubeBackend>) -> Self {
         let follows_pixels =
             run.plan.correction == Correction::Pixel && run.plans.iter().any(|plan| plan.portals.specular.is_some());
+        let table = OnceCell::new();
+        let bands: Vec<_> = run
+            .plans
+            .iter()
+            .map(|&plan| WorkerBand::new(run, plan, &table))
+            .collect();
         Self {
             run,
+            common: Common::new(bands.iter().filter_map(|band| band.extender.as_ref())),
             draws_once: follows_pixels && session.draws_once(),
             items: Vec::new(),
             session,
             rows: RowBlock::default(),
             converter: Converter::new(run.plan.correction, Some(&run.abandon)),
-            bands: run.plans.iter().map(|&plan| WorkerBand::new(run, plan)).collect(),
+            bands,
         }
     }
 
@@ -819,8 +834,19 @@ impl<'a> Worker<'a> {
             }
         }
         let session = self.session.as_mut();
-        for ((band, batch), start) in self.bands.iter_mut().zip(batches).zip(starts) {
-            band.end_row(&unfinished, start, session, batch)?;
+        let extenders: Vec<&Extender<'_>> = self.bands.iter().filter_map(|band| band.extender.as_ref()).collect();
+        if let (2.., Some(first)) = (extenders.len(), batches.first()) {
+            let seen = Seen {
+                hemicubes: unfinished.hemicubes,
+                items: unfinished.items,
+                columns: &first.part.indices[start..],
+            };
+            let began = self.common.begin_row(&extenders, seen, receives, session);
+            began.map_err(|source| failed(session, source))?;
+        }
+        let bands = self.bands.iter_mut().zip(batches).zip(starts);
+        for (number, ((band, batch), start)) in bands.enumerate() {
+            band.end_row(&unfinished, start, session, (&mut self.common, number), batch)?;
         }
         Ok(())
     }

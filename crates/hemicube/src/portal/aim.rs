@@ -15,7 +15,7 @@
 use super::gather::{Column, Found, Gather, Ledger};
 use super::motion::{MotionId, Motions};
 use super::trace::{Ends, MetAt, Ray, Tracer};
-use crate::accuracy::ray_shares::{self, nearest};
+use crate::accuracy::ray_shares;
 use crate::accuracy::row::Emitter;
 use crate::bvh::LANES;
 use crate::geometry::{self, Plane};
@@ -308,7 +308,7 @@ impl<'e> Casts<'e> {
         tracer.legs += 1;
         // Past it by a hair, so that it is met.
         let end = from + aimed.towards * (aimed.distance * (1.0 + 1e-9) + 1e-9);
-        let Some(met) = nearest(&tracer.tree, from, end, &self.horizon, &mut tracer.pending) else {
+        let Some(met) = tracer.nearest([from, end], &self.horizon) else {
             return;
         };
         if met.id == target.patch && met.slot == target.slot {

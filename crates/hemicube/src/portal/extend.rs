@@ -14,12 +14,13 @@
 //! All that is counted.
 
 use super::aim::Casts;
+use super::bands::Common;
 use super::gather::{Column, Found, Ledger, apportion};
 use super::motion::{MotionId, Motions, OTHER};
 use super::pairs::{Share, Through};
 use super::pass::{Passes, PixelView, Taker};
 use super::specular::Laws;
-use super::trace::Tracer;
+use super::trace::{Surfaces, Tracer};
 use super::{Images, Optics, Portals};
 use crate::Model;
 use crate::accuracy::correct::Correction;
@@ -31,10 +32,11 @@ use crate::face::Items;
 use crate::factor::{FactorRule, exchange};
 use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowShares, RowSums};
 use hemicube_scene::InputPatch;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Parts of a pixel's unit of weight.
-const FINE: u64 = 1 << 10;
+pub(super) const FINE: u64 = 1 << 10;
 /// Rays that a row begins with, without and with a tolerance, of which those that meet a portal are cast. Choices.
 const RAYS: [usize; 2] = [1 << 12, 1 << 12];
 /// Rays of a row with a tolerance at most.
@@ -113,11 +115,11 @@ type Entry = ((MotionId, u32), Found);
 #[derive(Debug)]
 pub(crate) struct Extender<'a> {
     portals: &'a Portals,
-    model: &'a Model,
+    pub(super) model: &'a Model,
     correction: Correction,
-    cancel: &'a AtomicBool,
+    pub(super) cancel: &'a AtomicBool,
     /// Weights of pixels and their further passes, where pixels are followed.
-    pixels: Option<(DeltaTable, Passes)>,
+    pixels: Option<(Arc<DeltaTable>, Passes<1>)>,
     tracer: Tracer,
     motions: Motions,
     ledger: Ledger,
@@ -125,12 +127,12 @@ pub(crate) struct Extender<'a> {
 }
 
 impl<'a> Extender<'a> {
-    /// `resolution` is that of the hemicubes.
+    /// `table` gives the weights of the hemicubes' pixels.
     pub(crate) fn new(
         portals: &'a Portals,
         model: &'a Model,
         correction: Correction,
-        resolution: u32,
+        table: impl FnOnce() -> Arc<DeltaTable>,
         cancel: &'a AtomicBool,
     ) -> Self {
         let count = model.geometry().patch_count;
@@ -143,7 +145,7 @@ impl<'a> Extender<'a> {
             model,
             correction,
             cancel,
-            pixels: follows_pixels.then(|| (DeltaTable::new(resolution), Passes::new(&tree, &laws.means))),
+            pixels: follows_pixels.then(|| (table(), Passes::new(&tree, [&laws.means]))),
             tracer: Tracer::new(tree, laws),
             motions: Motions::default(),
             ledger: Ledger::default(),
@@ -151,7 +153,26 @@ impl<'a> Extender<'a> {
         }
     }
 
-    /// Extends a row. `receives` tells the patches with a column.
+    /// Weights of pixels, where they are followed.
+    pub(super) fn table(&self) -> Option<&Arc<DeltaTable>> {
+        self.pixels.as_ref().map(|(table, _)| table)
+    }
+
+    /// The share of its weight at which a path ends.
+    pub(super) fn bound(&self) -> f64 {
+        self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound)
+    }
+
+    pub(super) fn surfaces(&self) -> Surfaces<'_> {
+        self.tracer.surfaces()
+    }
+
+    /// The place of a patch of the model, `receives` telling the patches with a column.
+    pub(super) fn column(&self, patch: u32, receives: impl Fn(u32) -> bool) -> Column {
+        column(self.portals, patch, receives)
+    }
+
+    /// Extends a row, of a run's `band`. `receives` tells the patches with a column, and `common` has what bands share.
     ///
     /// # Errors
     /// When the backend hands out no item buffers, where pixels are followed.
@@ -160,6 +181,7 @@ impl<'a> Extender<'a> {
         mut draft: Draft<'_>,
         receives: impl Fn(u32) -> bool,
         session: &mut dyn HemicubeBackend,
+        (common, band): (&mut Common, usize),
     ) -> Result<Passage, BackendError> {
         let images = self.portals.images.as_ref();
         let mut passage = Passage::default();
@@ -175,20 +197,27 @@ impl<'a> Extender<'a> {
         self.ledger.clear();
         let sent = self.sent();
         if sent > 0.0 {
-            let column = |patch: u32| match images {
-                Some(images) if images.fold(patch).is_none() => Column::CutOff,
-                _ if receives(patch) => Column::Of,
-                _ => Column::None,
-            };
+            let portals = self.portals;
+            let column = |patch: u32| column(portals, patch, &receives);
             let brought = if self.pixels.is_some() {
-                let mut brought = self.by_pixels(&draft, column, session)?;
+                match common.take(band) {
+                    Some(followed) => {
+                        std::mem::swap(&mut self.ledger, &mut followed.ledger);
+                        self.tracer.legs = followed.legs;
+                    }
+                    None => self.follow_pixels(&draft, column, session)?,
+                }
+                let mut brought = self.by_pixels(draft.hemicubes.len());
                 if self.correction == Correction::Point {
                     // By the angles at which pixels met what depends on them.
                     brought.scale_to(self.sent());
                 }
                 brought
             } else {
-                self.by_rays(draft.emitter, column)
+                std::mem::swap(&mut self.tracer.known, &mut common.known);
+                let brought = self.by_rays(draft.emitter, column);
+                std::mem::swap(&mut self.tracer.known, &mut common.known);
+                brought
             };
             *draft.rays += std::mem::take(&mut self.tracer.legs);
             self.enter(&mut draft, &brought, &mut passage);
@@ -236,12 +265,12 @@ impl<'a> Extender<'a> {
     }
 
     /// Follows the pixels that see a portal.
-    fn by_pixels(
+    fn follow_pixels(
         &mut self,
         draft: &Draft<'_>,
         column: impl Fn(u32) -> Column,
         session: &mut dyn HemicubeBackend,
-    ) -> Result<Brought, BackendError> {
+    ) -> Result<(), BackendError> {
         let Draft { hemicubes, items, .. } = *draft;
         let Self {
             pixels: Some((table, passes)),
@@ -253,13 +282,13 @@ impl<'a> Extender<'a> {
             ..
         } = self
         else {
-            return Ok(Brought::default());
+            return Ok(());
         };
         let bound = portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
-        passes.legs_max = LEGS[0] * hemicubes.len().max(1) as u64;
+        passes.legs_max = legs_of_pixels(hemicubes);
         ledger.clear();
         let mut taker = Taker {
-            ledger,
+            ledgers: std::array::from_mut(ledger),
             column,
             up: None,
         };
@@ -286,13 +315,18 @@ impl<'a> Extender<'a> {
                 bound,
                 cancel: Some(*cancel),
             };
-            passes.follow(&view, &seen, tracer.surfaces(), &mut taker);
+            passes.follow(&view, &seen, [tracer.surfaces()], &mut taker);
         }
-        tracer.legs = std::mem::take(&mut passes.legs);
-        let ledger = taker.ledger;
-        let whole = (u64::from(WHOLE) * FINE) as f64 * hemicubes.len().max(1) as f64;
+        [tracer.legs] = std::mem::take(&mut passes.legs);
+        Ok(())
+    }
+
+    /// What pixels brought, followed from so many hemicubes.
+    fn by_pixels(&self, hemicubes: usize) -> Brought {
+        let ledger = &self.ledger;
+        let whole = (u64::from(WHOLE) * FINE) as f64 * hemicubes.max(1) as f64;
         let passed: u64 = ledger.entries.values().map(|found| found.passed).sum();
-        Ok(Brought {
+        Brought {
             factors: ledger
                 .sorted()
                 .iter()
@@ -302,7 +336,7 @@ impl<'a> Extender<'a> {
             passed: (ledger.sent + passed) as f64 / whole,
             sent: ledger.sent as f64 / whole,
             squared_error: 0.0,
-        })
+        }
     }
 
     /// Casts rays at portals from all over the patch, and measures what they find most of.
@@ -509,6 +543,20 @@ impl<'a> Extender<'a> {
             }
         }
     }
+}
+
+/// The place of a patch of the model.
+fn column(portals: &Portals, patch: u32, receives: impl Fn(u32) -> bool) -> Column {
+    match &portals.images {
+        Some(images) if images.fold(patch).is_none() => Column::CutOff,
+        _ if receives(patch) => Column::Of,
+        _ => Column::None,
+    }
+}
+
+/// Pixels followed of a row at most.
+pub(super) fn legs_of_pixels(hemicubes: &[Hemicube]) -> u64 {
+    LEGS[0] * hemicubes.len().max(1) as u64
 }
 
 /// Returns whether as many more rays as keep the permitted error cost less than measuring pairs by segments.

@@ -9,6 +9,12 @@
 //! Panes double passes, and a curved mirror is a plane a facet: after [`MERGE`] pixels light ones are no longer
 //! followed each for itself. Neighbours of a pass, together of a least weight T, are one pixel with the weight of all:
 //! the one that a draw in proportion to their weights takes, so that the expectation of every pixel stays what it was.
+//!
+//! N bands may be followed together, a pixel with a weight for each. A window is drawn once for the open pixels of
+//! all, because what a pixel sees does not depend on which others are open. Legs, bounds, and whether a window has few
+//! pixels are counted for each band by itself, and its pixels merge by its own weights, so that each has the weights
+//! that it has alone, to the bit. Merging depends on the order of passes. Where a band would have had another order by
+//! itself and gets to merging, all are followed again, each alone, which bounds the cost at twice.
 
 use super::gather::{Column, Ledger};
 use super::motion::OTHER;
@@ -40,16 +46,17 @@ const MERGE: [(u64, u64); 4] = [(16, 1 << 18), (8, 1 << 17), (4, 1 << 16), (2, 1
 
 /// A pixel on its way.
 #[derive(Clone, Copy, Debug)]
-struct Pixel {
+struct Pixel<const N: usize> {
     face: u8,
     x: u16,
     y: u16,
-    weight: u64,
-    /// It is cut off where no more than this is left.
-    least: u64,
+    /// Of each band; 0 where its path has ended.
+    weights: [u64; N],
+    /// They are cut off where no more than this is left.
+    least: [u64; N],
 }
 
-impl Pixel {
+impl<const N: usize> Pixel<N> {
     /// The window that it belongs to.
     fn window(&self) -> [u32; 3] {
         [u32::from(self.face), u32::from(self.y) / EDGE, u32::from(self.x) / EDGE]
@@ -58,16 +65,16 @@ impl Pixel {
 
 /// A hemicube behind a portal, and its open pixels, window by window.
 #[derive(Debug)]
-struct Pass {
+struct Pass<const N: usize> {
     eye: DVec3,
     axes: [DVec3; 3],
     horizon: Plane,
     /// Portals on the way.
     depth: u32,
-    pixels: Vec<Pixel>,
+    pixels: Vec<Pixel<N>>,
 }
 
-/// The planes of portals, each once for each of its sides.
+/// The planes of a band's portals, each once for each of its sides.
 #[derive(Debug, Default)]
 struct Planes {
     planes: Vec<Plane>,
@@ -121,6 +128,41 @@ impl Planes {
     }
 }
 
+/// The planes of several bands, and the plane of each patch in each. Those of a band are what they are alone: of one
+/// plane within the tolerance, the first portal's is taken, and portals differ.
+#[derive(Debug)]
+struct PlanesOf<const N: usize> {
+    planes: Vec<Plane>,
+    of_patch: Vec<[u32; N]>,
+}
+
+impl<const N: usize> PlanesOf<N> {
+    fn new(tree: &Tree, optics: [&[Optics]; N]) -> Self {
+        let mut all = Self {
+            planes: Vec::new(),
+            of_patch: vec![[u32::MAX; N]; optics.map(<[Optics]>::len).into_iter().max().unwrap_or(0)],
+        };
+        let mut places: HashMap<[u64; 4], u32> = HashMap::new();
+        for (band, optics) in optics.into_iter().enumerate() {
+            let Planes { planes, of_patch } = Planes::new(tree, optics);
+            for (patch, plane) in of_patch.into_iter().enumerate() {
+                let Some(&plane) = planes.get(plane as usize) else {
+                    continue;
+                };
+                let [x, y, z] = plane.normal.to_array().map(f64::to_bits);
+                let place = places.entry([x, y, z, plane.offset.to_bits()]).or_insert_with(|| {
+                    all.planes.push(plane);
+                    #[allow(clippy::cast_possible_truncation, reason = "no more than patches of all bands")]
+                    let last = (all.planes.len() - 1) as u32;
+                    last
+                });
+                all.of_patch[patch][band] = *place;
+            }
+        }
+        all
+    }
+}
+
 /// The corners of a patch's surface.
 fn corners(tree: &Tree, patch: u32) -> Option<[DVec3; 3]> {
     let slot = *tree.slot_of_patch.get(patch as usize)?;
@@ -144,30 +186,36 @@ fn front(corners: &[DVec3; 3], tree: &Tree, patch: u32) -> Option<Plane> {
 /// Weight of a patch in a hemicube's passes: arrived, and handed on.
 type Sums = [u64; 2];
 
-/// Makes further passes; one a thread.
+/// Makes further passes of N bands; one a thread.
 #[derive(Debug)]
-pub(super) struct Passes {
+pub(super) struct Passes<const N: usize> {
     tree: Arc<Tree>,
     set: InstructionSet,
-    planes: Planes,
-    /// Of each patch, and of what is none.
+    planes: PlanesOf<N>,
+    /// Of each patch in any band, and of what is none.
     is_portal: Vec<bool>,
     window: Window,
     /// Face, first row and column.
     windows: Vec<(u8, u32, u32)>,
     rays: Vec<u32>,
     /// The passes to come.
-    pending: Vec<Pass>,
+    pending: Vec<Pass<N>>,
     /// Pixels of a pass's children: through panes, then off mirrors, of each plane.
-    children: Vec<Vec<Pixel>>,
+    children: Vec<Vec<Pixel<N>>>,
     used: Vec<u32>,
+    /// Of each of those, the bands that use it; and those of each band, in its own order.
+    users: Vec<[bool; N]>,
+    used_by: [Vec<u32>; N],
+    /// Bands that would have had another order of passes by themselves.
+    is_disordered: [bool; N],
     /// Emptied, to be used again.
-    spare: Vec<Vec<Pixel>>,
-    seen: Vec<u32>,
-    sums: Vec<Sums>,
+    spare: Vec<Vec<Pixel<N>>>,
+    /// What pixels of a window show, drawn and cast.
+    seen: Vec<[u32; 2]>,
+    sums: Vec<[Sums; N]>,
     touched: Vec<u32>,
-    /// Pixels drawn, and their bound: beyond it all is cut off at its next portal.
-    pub(super) legs: u64,
+    /// Pixels drawn of each band, and their bound: beyond it all is cut off at its next portal.
+    pub(super) legs: [u64; N],
     pub(super) legs_max: u64,
     /// Weight of the hemicube that is followed.
     whole: u64,
@@ -184,13 +232,16 @@ pub(super) struct PixelView<'a> {
     pub(super) bound: f64,
 }
 
-impl Passes {
-    pub(super) fn new(tree: &Arc<Tree>, optics: &[Optics]) -> Self {
-        let planes = Planes::new(tree, optics);
+impl<const N: usize> Passes<N> {
+    pub(super) fn new(tree: &Arc<Tree>, optics: [&[Optics]; N]) -> Self {
+        let planes = PlanesOf::new(tree, optics);
+        let count = planes.of_patch.len();
+        let is_portal = |patch: usize| optics.iter().any(|band| band.get(patch).is_some_and(Optics::is_portal));
         Self {
             children: vec![Vec::new(); 2 * planes.planes.len()],
+            users: vec![[false; N]; 2 * planes.planes.len()],
             planes,
-            is_portal: optics.iter().map(Optics::is_portal).chain([false]).collect(),
+            is_portal: (0..count).map(is_portal).chain([false]).collect(),
             tree: Arc::clone(tree),
             set: InstructionSet::widest(),
             window: Window::new(),
@@ -198,24 +249,38 @@ impl Passes {
             rays: Vec::new(),
             pending: Vec::new(),
             used: Vec::new(),
+            used_by: std::array::from_fn(|_| Vec::new()),
+            is_disordered: [false; N],
             spare: Vec::new(),
             seen: Vec::new(),
-            sums: vec![[0; 2]; optics.len()],
+            sums: vec![[[0; 2]; N]; count],
             touched: Vec::new(),
-            legs: 0,
+            legs: [0; N],
             legs_max: u64::MAX,
             whole: 0,
         }
     }
 
-    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see.
+    /// Begins a row, whose hemicubes are followed one after the other.
+    pub(super) fn begin_row(&mut self) {
+        self.legs = [0; N];
+        self.is_disordered = [false; N];
+    }
+
+    /// Returns whether a patch is a portal in any of the bands.
+    pub(super) fn is_portal(&self, patch: u32) -> bool {
+        self.is_portal.get(patch as usize) == Some(&true)
+    }
+
+    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see. Returns false, with ledgers that say
+    /// nothing, where one of several bands gets to merging out of its order: each is to be followed alone.
     pub(super) fn follow(
         &mut self,
         view: &PixelView<'_>,
         portals: &[u32],
-        surfaces: Surfaces<'_>,
-        taker: &mut Taker<'_, impl Fn(u32) -> Column>,
-    ) {
+        surfaces: [Surfaces<'_>; N],
+        taker: &mut Taker<'_, N, impl Fn(u32) -> Column>,
+    ) -> bool {
         let PixelView {
             hemicube,
             items,
@@ -242,10 +307,12 @@ impl Passes {
                 let columns = x0..resolution.min(x0 + edge);
                 let seen = &items.seen[row + x0 as usize..row + columns.end as usize];
                 for (x, &patch) in columns.zip(seen) {
-                    if !self.is_portal[(patch as usize).min(surfaces.optics.len())] {
+                    if !self.is_portal[(patch as usize).min(self.is_portal.len() - 1)] {
                         continue;
                     }
                     let weight = u64::from(table.weight(face, x, y)) * fine;
+                    // In some of the bands, it may be.
+                    let sees = surfaces.map(|band| band.optics.get(patch as usize).is_some_and(Optics::is_portal));
                     #[allow(
                         clippy::cast_possible_truncation,
                         clippy::cast_sign_loss,
@@ -255,15 +322,17 @@ impl Passes {
                         face: face as u8,
                         x: x as u16,
                         y: y as u16,
-                        weight,
-                        least: (weight as f64 * bound) as u64,
+                        weights: sees.map(|sees| if sees { weight } else { 0 }),
+                        least: [(weight as f64 * bound) as u64; N],
                     };
-                    let passed = self.hand_on(&pixel, patch, 0, &view, surfaces, taker.ledger);
-                    taker.ledger.sent += passed;
-                    if surfaces.laws.varies(patch) {
-                        let [met, handed_on] = taker.ledger.first.entry(patch).or_default();
-                        *met += weight;
-                        *handed_on += passed;
+                    let passed = self.hand_on(&pixel, patch, 0, &view, &surfaces, taker.ledgers);
+                    for (band, ledger) in taker.ledgers.iter_mut().enumerate() {
+                        ledger.sent += passed[band];
+                        if sees[band] && surfaces[band].laws.varies(patch) {
+                            let [met, handed_on] = ledger.first.entry(patch).or_default();
+                            *met += weight;
+                            *handed_on += passed[band];
+                        }
                     }
                 }
             }
@@ -271,7 +340,12 @@ impl Passes {
         self.windows = windows;
         self.begin_children(hemicube.origin, hemicube.axes, 0);
         while let Some(pass) = self.pending.pop() {
-            self.draw(&pass, resolution, surfaces, taker);
+            self.draw(&pass, resolution, &surfaces, taker);
+            let mut bands = self.legs.iter().zip(self.is_disordered);
+            if bands.any(|(&legs, is_disordered)| is_disordered && legs >= self.legs_max / MERGE[0].0) {
+                self.forget();
+                return false;
+            }
             self.begin_children(pass.eye, pass.axes, pass.depth);
             let mut pixels = pass.pixels;
             pixels.clear();
@@ -281,10 +355,28 @@ impl Passes {
             }
         }
         for patch in self.touched.drain(..) {
-            let [weight, passed] = std::mem::take(&mut self.sums[patch as usize]);
-            let found = taker.ledger.entries.entry((OTHER, patch)).or_default();
-            found.weight += weight;
-            found.passed += passed;
+            let sums = std::mem::replace(&mut self.sums[patch as usize], [[0; 2]; N]);
+            for (ledger, [weight, passed]) in taker.ledgers.iter_mut().zip(sums) {
+                if weight > 0 {
+                    let found = ledger.entries.entry((OTHER, patch)).or_default();
+                    found.weight += weight;
+                    found.passed += passed;
+                }
+            }
+        }
+        true
+    }
+
+    /// Forgets a hemicube that is not followed to its end.
+    fn forget(&mut self) {
+        self.pending.clear();
+        for patch in self.touched.drain(..) {
+            self.sums[patch as usize] = [[0; 2]; N];
+        }
+        self.used_by.iter_mut().for_each(Vec::clear);
+        for place in self.used.drain(..) {
+            self.children[place as usize].clear();
+            self.users[place as usize] = [false; N];
         }
     }
 
@@ -338,45 +430,77 @@ impl Passes {
     /// Gives what a portal hands on of a pixel to the passes to come. Returns it.
     fn hand_on(
         &mut self,
-        pixel: &Pixel,
+        pixel: &Pixel<N>,
         patch: u32,
         depth: u32,
         view: &FaceView,
-        surfaces: Surfaces<'_>,
-        ledger: &mut Ledger,
-    ) -> u64 {
-        let plane = self.planes.of_patch.get(patch as usize).copied().unwrap_or(u32::MAX);
-        let optics = surfaces.at(patch, || {
-            let towards = view.towards(pixel.x.into(), pixel.y.into()).normalize_or_zero();
-            let plane = self.planes.planes.get(plane as usize);
-            plane.map_or(1.0, |plane| plane.normal.dot(towards))
-        });
-        let [reflected, through] = divide(Some(&optics), pixel.weight);
-        let is_over = depth >= PASSES_MAX || self.legs >= self.legs_max;
-        for (weight, side) in [(through, 0), (reflected, 1)] {
-            if weight == 0 {
+        surfaces: &[Surfaces<'_>; N],
+        ledgers: &mut [Ledger; N],
+    ) -> [u64; N] {
+        let planes = self.planes.of_patch.get(patch as usize).copied();
+        let planes = planes.unwrap_or([u32::MAX; N]);
+        let mut passed = [0; N];
+        // Through, and reflected.
+        let mut on = [[0; N]; 2];
+        for band in 0..N {
+            if pixel.weights[band] == 0 {
                 continue;
             }
-            if is_over || weight <= pixel.least || plane == u32::MAX {
-                ledger.cut_off += weight;
-                continue;
-            }
-            let place = 2 * plane + side;
-            let pixels = &mut self.children[place as usize];
-            if pixels.is_empty() {
-                self.used.push(place);
-                if pixels.capacity() == 0 {
-                    *pixels = self.spare.pop().unwrap_or_default();
+            let optics = surfaces[band].at(patch, || {
+                let towards = view.towards(pixel.x.into(), pixel.y.into()).normalize_or_zero();
+                let plane = self.planes.planes.get(planes[band] as usize);
+                plane.map_or(1.0, |plane| plane.normal.dot(towards))
+            });
+            let [reflected, through] = divide(Some(&optics), pixel.weights[band]);
+            passed[band] = reflected + through;
+            let is_over = depth >= PASSES_MAX || self.legs[band] >= self.legs_max;
+            for (weight, side) in [(through, 0), (reflected, 1)] {
+                if is_over || weight <= pixel.least[band] || planes[band] == u32::MAX {
+                    ledgers[band].cut_off += weight;
+                } else {
+                    on[side][band] = weight;
                 }
             }
-            pixels.push(Pixel { weight, ..*pixel });
         }
-        reflected + through
+        for (side, mut on) in (0u32..).zip(on) {
+            for band in 0..N {
+                if on[band] == 0 {
+                    continue;
+                }
+                let is_alike = |other: usize| planes[other] == planes[band];
+                let weights = std::array::from_fn(|other| if is_alike(other) { on[other] } else { 0 });
+                on = std::array::from_fn(|other| if is_alike(other) { 0 } else { on[other] });
+                let place = 2 * planes[band] + side;
+                let pixels = &mut self.children[place as usize];
+                if pixels.is_empty() {
+                    self.used.push(place);
+                    if pixels.capacity() == 0 {
+                        *pixels = self.spare.pop().unwrap_or_default();
+                    }
+                }
+                pixels.push(Pixel { weights, ..*pixel });
+                if N > 1 {
+                    let users = &mut self.users[place as usize];
+                    for (other, used) in self.used_by.iter_mut().enumerate() {
+                        if weights[other] > 0 && !std::mem::replace(&mut users[other], true) {
+                            used.push(place);
+                        }
+                    }
+                }
+            }
+        }
+        passed
     }
 
     /// Makes passes of the pixels handed on, as seen by a hemicube.
     fn begin_children(&mut self, eye: DVec3, axes: [DVec3; 3], depth: u32) {
+        for (band, used) in self.used_by.iter_mut().enumerate() {
+            let own = self.used.iter().filter(|&&place| self.users[place as usize][band]);
+            self.is_disordered[band] |= !own.eq(used.iter());
+            used.clear();
+        }
         for place in self.used.drain(..) {
+            self.users[place as usize] = [false; N];
             let Plane { normal, offset } = self.planes.planes[place as usize / 2];
             let mirrored = |v: DVec3| v - 2.0 * normal.dot(v) * normal;
             let is_mirror = place % 2 == 1;
@@ -391,8 +515,15 @@ impl Passes {
                 (behind, eye, axes)
             };
             let mut pixels = std::mem::take(&mut self.children[place as usize]);
-            if let Some(least) = least_weight(self.legs, self.legs_max, self.whole) {
-                merge(&mut pixels, least, self.legs);
+            let mut merges = false;
+            for (band, &legs) in self.legs.iter().enumerate() {
+                if let Some(least) = least_weight(legs, self.legs_max, self.whole) {
+                    merge(&mut pixels, band, least, legs);
+                    merges = true;
+                }
+            }
+            if merges {
+                pixels.retain(|pixel| pixel.weights != [0; N]);
             }
             self.pending.push(Pass {
                 eye,
@@ -407,68 +538,126 @@ impl Passes {
     /// Draws a pass, window by window, and hands on what meets portals.
     fn draw(
         &mut self,
-        pass: &Pass,
+        pass: &Pass<N>,
         resolution: u32,
-        surfaces: Surfaces<'_>,
-        taker: &mut Taker<'_, impl Fn(u32) -> Column>,
+        surfaces: &[Surfaces<'_>; N],
+        taker: &mut Taker<'_, N, impl Fn(u32) -> Column>,
     ) {
         let mut seen = std::mem::take(&mut self.seen);
         for pixels in pass.pixels.chunk_by(|p, q| p.window() == q.window()) {
             let face = Face::ALL[usize::from(pixels[0].face)];
             let view = view_of(face, resolution, pass.eye, &pass.axes, pass.horizon);
-            seen.clear();
-            if pixels.len() <= FEW {
-                seen.extend(pixels.iter().map(|pixel| self.cast(&view, pixel)));
+            let counts: [usize; N] = if N == 1 {
+                [pixels.len(); N]
             } else {
-                let (x, y) = (
-                    pixels.iter().map(|p| u32::from(p.x)),
-                    pixels.iter().map(|p| u32::from(p.y)),
-                );
-                let low = [x.clone().min(), y.clone().min()].map(Option::unwrap_or_default);
-                let high = [x.max(), y.max()].map(Option::unwrap_or_default);
-                self.window.begin(low, high);
-                for pixel in pixels {
-                    self.window.open(pixel.x.into(), pixel.y.into());
-                }
-                self.window.draw(self.set, &self.tree, &view);
-                seen.extend(
-                    pixels
-                        .iter()
-                        .map(|pixel| self.window.seen(pixel.x.into(), pixel.y.into())),
-                );
+                std::array::from_fn(|band| pixels.iter().filter(|pixel| pixel.weights[band] > 0).count())
+            };
+            self.look(pixels, counts, &view, &mut seen);
+            for (legs, count) in self.legs.iter_mut().zip(counts) {
+                *legs += count as u64;
             }
-            self.legs += pixels.len() as u64;
-            for (pixel, &id) in pixels.iter().zip(&seen) {
-                if id == NOTHING {
-                    taker.ledger.escaped += pixel.weight;
-                    let is_below = |up: DVec3| view.towards(pixel.x.into(), pixel.y.into()).dot(up) < 0.0;
-                    if taker.up.is_some_and(is_below) {
-                        taker.ledger.ground += pixel.weight;
-                    }
-                    continue;
-                }
-                let passed = if self.is_portal[(id as usize).min(surfaces.optics.len())] {
-                    self.hand_on(pixel, id, pass.depth, &view, surfaces, taker.ledger)
+            // A band with none goes with the others.
+            let is_drawn = counts.iter().any(|&count| count > FEW);
+            let few = counts.map(|count| count <= FEW && (count > 0 || !is_drawn));
+            for (pixel, &[drawn, cast]) in pixels.iter().zip(&seen) {
+                if drawn == cast || !few.contains(&true) {
+                    self.meet(pixel, drawn, pass.depth, &view, surfaces, taker);
+                } else if !few.contains(&false) {
+                    self.meet(pixel, cast, pass.depth, &view, surfaces, taker);
                 } else {
-                    0
-                };
-                if id >= self.tree.patch_count {
-                    taker.ledger.blocked += pixel.weight;
-                } else if taker.arrive(id, pixel.weight - passed) {
-                    let sums = &mut self.sums[id as usize];
-                    if sums[0] == 0 {
-                        self.touched.push(id);
+                    for (id, is_cast) in [(cast, true), (drawn, false)] {
+                        let weight = |band: usize| if few[band] == is_cast { pixel.weights[band] } else { 0 };
+                        let part = Pixel {
+                            weights: std::array::from_fn(weight),
+                            ..*pixel
+                        };
+                        self.meet(&part, id, pass.depth, &view, surfaces, taker);
                     }
-                    sums[0] += pixel.weight;
-                    sums[1] += passed;
                 }
             }
         }
         self.seen = seen;
     }
 
+    /// What a window's pixels see: drawn where a band has many of them open, by rays where it has few.
+    fn look(&mut self, pixels: &[Pixel<N>], counts: [usize; N], view: &FaceView, seen: &mut Vec<[u32; 2]>) {
+        let has = |pixel: &Pixel<N>, is_few: bool| {
+            let mut bands = pixel.weights.iter().zip(counts);
+            bands.any(|(&weight, count)| weight > 0 && (count <= FEW) == is_few)
+        };
+        seen.clear();
+        seen.resize(pixels.len(), [NOTHING; 2]);
+        if counts.iter().any(|&count| count <= FEW) {
+            for (pixel, seen) in pixels.iter().zip(&mut *seen) {
+                if has(pixel, true) {
+                    seen[1] = self.cast(view, pixel);
+                }
+            }
+        }
+        if counts.iter().all(|&count| count <= FEW) {
+            return;
+        }
+        let (x, y) = (
+            pixels.iter().map(|p| u32::from(p.x)),
+            pixels.iter().map(|p| u32::from(p.y)),
+        );
+        let low = [x.clone().min(), y.clone().min()].map(Option::unwrap_or_default);
+        let high = [x.max(), y.max()].map(Option::unwrap_or_default);
+        self.window.begin(low, high);
+        for pixel in pixels.iter().filter(|pixel| has(pixel, false)) {
+            self.window.open(pixel.x.into(), pixel.y.into());
+        }
+        self.window.draw(self.set, &self.tree, view);
+        for (pixel, seen) in pixels.iter().zip(seen).filter(|(pixel, _)| has(pixel, false)) {
+            seen[0] = self.window.seen(pixel.x.into(), pixel.y.into());
+        }
+    }
+
+    /// Enters what a pixel sees, and hands on what a portal there does.
+    fn meet(
+        &mut self,
+        pixel: &Pixel<N>,
+        id: u32,
+        depth: u32,
+        view: &FaceView,
+        surfaces: &[Surfaces<'_>; N],
+        taker: &mut Taker<'_, N, impl Fn(u32) -> Column>,
+    ) {
+        if id == NOTHING {
+            let is_below = |up: DVec3| view.towards(pixel.x.into(), pixel.y.into()).dot(up) < 0.0;
+            let is_ground = taker.up.is_some_and(is_below);
+            for (ledger, weight) in taker.ledgers.iter_mut().zip(pixel.weights) {
+                ledger.escaped += weight;
+                ledger.ground += if is_ground { weight } else { 0 };
+            }
+            return;
+        }
+        let passed = if self.is_portal[(id as usize).min(self.is_portal.len() - 1)] {
+            self.hand_on(pixel, id, depth, view, surfaces, taker.ledgers)
+        } else {
+            [0; N]
+        };
+        if id >= self.tree.patch_count {
+            for (ledger, weight) in taker.ledgers.iter_mut().zip(pixel.weights) {
+                ledger.blocked += weight;
+            }
+            return;
+        }
+        let kept = std::array::from_fn(|band| pixel.weights[band] - passed[band]);
+        if taker.arrive(id, kept) {
+            let sums = &mut self.sums[id as usize];
+            if sums.iter().all(|sum| sum[0] == 0) {
+                self.touched.push(id);
+            }
+            for (band, sum) in sums.iter_mut().enumerate() {
+                sum[0] += pixel.weights[band];
+                sum[1] += passed[band];
+            }
+        }
+    }
+
     /// What a pixel sees, by a ray.
-    fn cast(&mut self, view: &FaceView, pixel: &Pixel) -> u32 {
+    fn cast(&mut self, view: &FaceView, pixel: &Pixel<N>) -> u32 {
         let towards = view.towards(pixel.x.into(), pixel.y.into()).normalize();
         let distance = -view.horizon.height(view.eye) / view.horizon.normal.dot(towards);
         if !distance.is_finite() {
@@ -486,38 +675,33 @@ fn least_weight(legs: u64, legs_max: u64, whole: u64) -> Option<u64> {
     begun.map(|(_, pixels)| whole / pixels)
 }
 
-/// Merges pixels lighter than `least` with their successors, until they are as heavy together. `seed` is for the draws.
-fn merge(pixels: &mut Vec<Pixel>, least: u64, seed: u64) {
-    let mut kept = 0;
-    let mut group: Option<Pixel> = None;
+/// Merges pixels of a band lighter than `least` with their successors, until they are as heavy together: one gets the
+/// weight of all, and the others keep none. `seed` is for the draws.
+fn merge<const N: usize>(pixels: &mut [Pixel<N>], band: usize, least: u64, seed: u64) {
+    // The place of a pixel that is not yet heavy enough.
+    let mut group: Option<usize> = None;
+    let mut number = 0;
     for at in 0..pixels.len() {
-        let pixel = pixels[at];
-        let before = group.take();
-        let merged = match before {
-            None => pixel,
-            Some(before) => {
-                let weight = before.weight + pixel.weight;
-                let draw = splitmix::unit(splitmix::hash(seed << 24 ^ at as u64));
-                let one = if draw * (weight as f64) < pixel.weight as f64 {
-                    pixel
-                } else {
-                    before
-                };
-                Pixel {
-                    weight,
-                    least: before.least + pixel.least,
-                    ..one
-                }
+        if pixels[at].weights[band] == 0 {
+            continue;
+        }
+        let mut one = at;
+        if let Some(before) = group.take() {
+            let weights = [before, at].map(|place| std::mem::take(&mut pixels[place].weights[band]));
+            let bounds = [before, at].map(|place| std::mem::take(&mut pixels[place].least[band]));
+            let weight = weights[0] + weights[1];
+            let draw = splitmix::unit(splitmix::hash(seed << 24 ^ number));
+            if draw * (weight as f64) >= weights[1] as f64 {
+                one = before;
             }
-        };
-        if merged.weight >= least || at + 1 == pixels.len() {
-            pixels[kept] = merged;
-            kept += 1;
-        } else {
-            group = Some(merged);
+            pixels[one].weights[band] = weight;
+            pixels[one].least[band] = bounds[0] + bounds[1];
+        }
+        number += 1;
+        if pixels[one].weights[band] < least {
+            group = Some(one);
         }
     }
-    pixels.truncate(kept);
 }
 
 /// A face of a hemicube behind a portal, or before it.
@@ -534,25 +718,26 @@ fn view_of(face: Face, resolution: u32, eye: DVec3, of: &[DVec3; 3], horizon: Pl
 }
 
 /// Takes what arrives.
-pub(super) struct Taker<'a, C> {
-    pub(super) ledger: &'a mut Ledger,
+pub(super) struct Taker<'a, const N: usize, C> {
+    /// Of each band.
+    pub(super) ledgers: &'a mut [Ledger; N],
     pub(super) column: C,
     /// The way up, where what escapes below the horizon is told apart.
     pub(super) up: Option<DVec3>,
 }
 
-impl<C: Fn(u32) -> Column> Taker<'_, C> {
-    /// Enters the weight that a patch keeps. Returns whether it has a column.
-    fn arrive(&mut self, patch: u32, kept: u64) -> bool {
-        match (self.column)(patch) {
-            Column::None => self.ledger.unselected += kept,
-            Column::CutOff => self.ledger.cut_off += kept,
-            Column::Of => {
-                self.ledger.kept += kept;
-                return true;
+impl<const N: usize, C: Fn(u32) -> Column> Taker<'_, N, C> {
+    /// Enters the weights that a patch keeps. Returns whether it has a column.
+    fn arrive(&mut self, patch: u32, kept: [u64; N]) -> bool {
+        let column = (self.column)(patch);
+        for (ledger, kept) in self.ledgers.iter_mut().zip(kept) {
+            match column {
+                Column::None => ledger.unselected += kept,
+                Column::CutOff => ledger.cut_off += kept,
+                Column::Of => ledger.kept += kept,
             }
         }
-        false
+        column == Column::Of
     }
 }
 
@@ -562,32 +747,33 @@ mod tests {
 
     #[test]
     fn merged_pixels_keep_their_weight_and_each_its_expectation() {
-        let pixels: Vec<Pixel> = (0..40u16)
+        let pixels: Vec<Pixel<1>> = (0..40u16)
             .map(|x| Pixel {
                 face: 0,
                 x,
                 y: 0,
-                weight: if x == 7 { 1000 } else { 10 + u64::from(x % 3) * 20 },
-                least: 1,
+                weights: [if x == 7 { 1000 } else { 10 + u64::from(x % 3) * 20 }],
+                least: [1],
             })
             .collect();
-        let sum = |of: &[Pixel]| of.iter().map(|pixel| pixel.weight).sum::<u64>();
+        let sum = |of: &[Pixel<1>]| of.iter().map(|pixel| pixel.weights[0]).sum::<u64>();
         let mut means = [0.0; 40];
         let draws = 4000u32;
         for seed in 0..u64::from(draws) {
             let mut merged = pixels.clone();
-            merge(&mut merged, 100, seed);
+            merge(&mut merged, 0, 100, seed);
+            merged.retain(|pixel| pixel.weights[0] > 0);
             assert_eq!(sum(&merged), sum(&pixels));
-            assert_eq!(merged.iter().map(|pixel| pixel.least).sum::<u64>(), 40);
+            assert_eq!(merged.iter().map(|pixel| pixel.least[0]).sum::<u64>(), 40);
             assert!(merged.len() < 20 && merged.is_sorted_by_key(|pixel| pixel.x));
-            assert!(merged.iter().rev().skip(1).all(|pixel| pixel.weight >= 100));
+            assert!(merged.iter().rev().skip(1).all(|pixel| pixel.weights[0] >= 100));
             for pixel in merged {
-                means[usize::from(pixel.x)] += pixel.weight as f64 / f64::from(draws);
+                means[usize::from(pixel.x)] += pixel.weights[0] as f64 / f64::from(draws);
             }
         }
         for (pixel, mean) in pixels.iter().zip(means) {
             // A draw of at most 150 with that mean: within five standard errors.
-            let weight = pixel.weight as f64;
+            let weight = pixel.weights[0] as f64;
             let error = (weight * 1150.0 / f64::from(draws)).sqrt();
             assert!((mean - weight).abs() < 5.0 * error, "{mean} {weight}");
         }

@@ -38,7 +38,7 @@ pub(crate) struct Arrivals {
 #[derive(Debug)]
 pub(crate) struct Follower<'a> {
     images: Option<&'a Images>,
-    passes: Passes,
+    passes: Passes<1>,
     optics: Vec<Optics>,
     laws: Laws,
     bound: f64,
@@ -53,7 +53,7 @@ impl<'a> Follower<'a> {
         let images = portals.images.as_ref();
         let mut laws = specular.laws(images, model.geometry().patch_count);
         let optics = std::mem::take(&mut laws.means);
-        let mut passes = Passes::new(&Tree::of(model.geometry()), &optics);
+        let mut passes = Passes::new(&Tree::of(model.geometry()), [&optics]);
         passes.legs_max = LEGS;
         Some(Self {
             images,
@@ -93,7 +93,7 @@ impl<'a> Follower<'a> {
             return;
         }
         self.ledger.clear();
-        self.passes.legs = 0;
+        self.passes.legs = [0];
         let images = self.images;
         let column = |patch: u32| match images {
             Some(images) if images.fold(patch).is_none() => Column::CutOff,
@@ -104,7 +104,7 @@ impl<'a> Follower<'a> {
             laws: &self.laws,
         };
         let mut taker = Taker {
-            ledger: &mut self.ledger,
+            ledgers: std::array::from_mut(&mut self.ledger),
             column,
             up: Some(up),
         };
@@ -116,7 +116,7 @@ impl<'a> Follower<'a> {
             bound: self.bound,
             cancel: None,
         };
-        self.passes.follow(&view, &self.seen, surfaces, &mut taker);
+        self.passes.follow(&view, &self.seen, [surfaces], &mut taker);
         let ledger = &self.ledger;
         for ((_, patch), found) in &ledger.entries {
             add(&mut arrivals.patches, *patch, [found.weight, found.passed]);

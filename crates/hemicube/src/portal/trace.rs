@@ -1,8 +1,9 @@
 //! Rays through portals.
 
+use super::known::KnownLegs;
 use super::motion::{MotionId, Motions, OTHER};
 use super::specular::{Laws, Optics};
-use crate::accuracy::ray_shares::nearest;
+use crate::accuracy::ray_shares::Met;
 use crate::bvh::Tree;
 use crate::geometry::Plane;
 use glam::DVec3;
@@ -108,7 +109,9 @@ pub(super) struct Tracer {
     /// Legs traced, and their bound: beyond it every path is cut off at its next portal.
     pub(super) legs: u64,
     pub(super) legs_max: u64,
-    pub(super) pending: Vec<u32>,
+    pending: Vec<u32>,
+    /// Legs of the row traced for other bands.
+    pub(super) known: KnownLegs,
     rays: Vec<Ray>,
 }
 
@@ -121,6 +124,7 @@ impl Tracer {
             legs: 0,
             legs_max: u64::MAX,
             pending: Vec::new(),
+            known: KnownLegs::default(),
             rays: Vec::new(),
         }
     }
@@ -130,6 +134,11 @@ impl Tracer {
             optics: &self.optics,
             laws: &self.laws,
         }
+    }
+
+    /// The first triangle on a leg.
+    pub(super) fn nearest(&mut self, ends: [DVec3; 2], horizon: &Plane) -> Option<Met> {
+        self.known.nearest(&self.tree, ends, horizon, &mut self.pending)
     }
 
     /// Follows a path and all its branches. A branch ends at `reach` of length, at `least` of weight, and after
@@ -149,7 +158,7 @@ impl Tracer {
             }
             self.legs += 1;
             let end = ray.from + ray.towards * leg;
-            match nearest(&self.tree, ray.from, end, &ray.horizon, &mut self.pending) {
+            match self.nearest([ray.from, end], &ray.horizon) {
                 None => tally.escape(&ray),
                 Some(met) => {
                     let met = MetAt {
