@@ -5,7 +5,7 @@
 
 use hemicube_tests::matrices::entries;
 use hemicube_tests::rooms::{Corner, Quad, both_ways, closed, near, obj, of, place, room, zones};
-use hemicube_tests::runs::{Place, files};
+use hemicube_tests::runs::{Place, assert_same, files, finish, until};
 
 /// Half a street of one metre and a room behind a window of its wall: the plane of symmetry is x = 1, the period from
 /// y = 0 to 1. A tilted plate in the room is a mirror.
@@ -157,6 +157,30 @@ fn everything_at_once_has_the_rows_of_the_whole() {
                 let sum = of(&all, from, to) + of(&all, from, &format!("{to}_other"));
                 near(of(&one, from, to), sum, 0.01 * sum.max(1.0));
             }
+        }
+    }
+}
+
+/// A run through all of it that is killed, and goes on with other threads, ends in the stores of one that was not.
+#[test]
+fn everything_at_once_goes_on_after_a_kill() {
+    let place = place(&street(), OF_STREET);
+    for level in ["--correction pixel", "--tolerance 1%"] {
+        let line = format!("compute scene.obj {SYMMETRIC} --split 3 --repeats 2 {level}");
+        place.line(&format!("{line} -o whole --overwrite --threads 2")).is(0);
+        let mut child = place.spawn(place.command(&format!("{line} -o killed --threads 1")));
+        let parts = place.path("killed-light/parts");
+        let is_written = || std::fs::read_dir(&parts).is_ok_and(|found| found.count() > 0);
+        until("a part is written", || {
+            is_written() || child.try_wait().expect("a child").is_some()
+        });
+        child.kill().expect("killed");
+        finish(child);
+        place.line(&format!("{line} -o killed --threads 2")).is(0);
+        for band in ["light", "heat"] {
+            let [whole, killed] = ["whole", "killed"].map(|store| place.path(format!("{store}-{band}")));
+            assert_same(&whole, &killed);
+            std::fs::remove_dir_all(killed).expect("removed");
         }
     }
 }
