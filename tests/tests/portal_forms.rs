@@ -8,10 +8,12 @@
 #![allow(clippy::print_stderr, reason = "figures of the book")]
 
 use glam::DVec3;
+use hemicube::solve::STEFAN_BOLTZMANN;
 use hemicube_tests::geometry::{parallel_rectangles, parallel_rectangles_apart, slope, sphere};
 use hemicube_tests::matrices::entries;
 use hemicube_tests::rooms::{Quad, both_ways, near, of, place, room, zones};
 use hemicube_tests::runs::Place;
+use serde_json::Value;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
@@ -341,9 +343,9 @@ fn a_tube_of_more_facets_converges_likewise() {
     converges(&[12, 24, 48, 96], "--tolerance 0.02%");
 }
 
-/// A sphere of half the radius within a mirror of ρs = ½: what it sees of itself, ½ of smooth spheres, and of the
-/// mirror, 1. Both have so many triangles to an edge of an octahedron, and the spheres' areas.
-fn within_a_mirror(inner: u32, outer: u32) -> [f64; 2] {
+/// A sphere of radius ½, `inner`, within one of radius 1, `outer`: so many triangles to an edge of an octahedron, and the
+/// spheres' areas.
+fn spheres(inner: u32, outer: u32) -> Place {
     let mut text = String::new();
     let mut corners = 0;
     let mut add = |name: &str, triangles: Vec<[DVec3; 3]>, radius: f64| {
@@ -368,6 +370,12 @@ fn within_a_mirror(inner: u32, outer: u32) -> [f64; 2] {
     place.write("spheres.obj", text);
     place.write("optics.toml", "[object.outer]\nspecular = 0.5\n");
     place
+}
+
+/// What a sphere within a mirror of ρs = ½ sees of itself, ½ of smooth spheres, and of the mirror, 1.
+fn within_a_mirror(inner: u32, outer: u32) -> [f64; 2] {
+    let place = spheres(inner, outer);
+    place
         .line("compute spheres.obj -o store --specular optics.toml --rows 0..4")
         .is(0);
     let row = entries(&place.path("store"), 0..4, |patch| {
@@ -380,6 +388,44 @@ fn within_a_mirror(inner: u32, outer: u32) -> [f64; 2] {
             .sum()
     };
     [of(0), of(1)]
+}
+
+/// Heat that leaves the inner of two grey spheres of ε = ½, in parts of A₁ σ (T₁⁴ − T₂⁴).
+fn heat_between_spheres(pieces: u32, optics: &str) -> f64 {
+    let place = spheres(2, pieces);
+    place
+        .line(&format!("compute spheres.obj -o store {optics} --quiet"))
+        .is(0);
+    place.write(
+        "heat.toml",
+        "[default]\nemissivity = 0.5\n[object.inner]\ntemperature = 400\n[object.outer]\ntemperature = 300\n",
+    );
+    place
+        .line("solve store --materials heat.toml --thermal --by object --surfaces by.json --quiet")
+        .is(0);
+    let text = std::fs::read_to_string(place.path("by.json")).expect("results");
+    let json: Value = serde_json::from_str(&text).expect("JSON");
+    let surfaces = json["surfaces"].as_array().expect("surfaces");
+    let inner = surfaces.iter().find(|surface| surface["name"] == "inner");
+    let heat = inner.and_then(|inner| inner["heat"].as_f64()).expect("its heat");
+    let black = STEFAN_BOLTZMANN * (400f64.powi(4) - 300f64.powi(4));
+    heat / (black * 0.5 * TAU)
+}
+
+/// An outer sphere that reflects diffusely lets 1 / (1/ε₁ + A₁/A₂ (1/ε₂ − 1)) = 4/9 through, a mirror
+/// 1 / (1/ε₁ + 1/ε₂ − 1) = 1/3 (Siegel & Howell 2002): facets converge to it.
+#[test]
+fn heat_between_spheres_is_that_of_diffuse_and_of_specular_ones() {
+    near(heat_between_spheres(4, ""), 4.0 / 9.0, 0.01);
+    let off: Vec<f64> = [2, 4, 8]
+        .iter()
+        .map(|&pieces| heat_between_spheres(pieces, "--specular optics.toml") - 1.0 / 3.0)
+        .collect();
+    eprintln!("heat to a mirror of facets is {off:?} off");
+    assert!(
+        off[0] > 1.5 * off[1] && off[1] > 1.5 * off[2] && off[2].abs() < 0.03,
+        "{off:?}"
+    );
 }
 
 /// Facets shift the image of a radius against itself: the error falls as their edges, not as the square.
