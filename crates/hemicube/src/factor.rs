@@ -807,7 +807,7 @@ mod tests {
                 let off = (dot(rule, &points.map(|(p, _)| of(p))) - of(corner)).abs();
                 assert!(i + j > 4 || off < 1e-12, "x^{i} z^{j}: {off}");
             }
-            let of = |p: DVec3| (p.distance(corner) < 0.02).then_some(1.0).unwrap_or_default();
+            let of = |p: DVec3| if p.distance(corner) < 0.02 { 1.0 } else { 0.0 };
             let off = dot(rule, &points.map(|(p, _)| of(p))) - of(corner);
             assert!((off + 1.0).abs() < 1e-12, "{off}");
         }
