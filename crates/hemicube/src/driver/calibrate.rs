@@ -10,8 +10,8 @@
 //!
 //! Settling is bounded, as rows are: its rows tried with a quarter of the tolerance take 6 · 10⁹ steps, or twice those
 //! of a row's bound if these are more, and so do its efforts. Where the first do, fewer rows are tried, evenly from the
-//! sample, eight at least; where the second do, the effort is the last one's in proportion to its error, and the reason says so. A row tried that its
-//! bound cut short has its own expected error on top of what efforts differ from it by.
+//! sample, eight at least; where the second do, the effort is the last one's in proportion to its error, and the reason
+//! says so. A row tried that its bound cut short has its own expected error on top of what efforts differ from it by.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
 //! would be a second truth.

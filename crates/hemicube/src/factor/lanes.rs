@@ -170,7 +170,7 @@ fn evaluate_portable(elements: &Elements, out: &mut [f64; LANES]) {
     }
 }
 
-/// Number of weights of an edge: two rules and three null rules.
+/// Number of weights of an edge: of two rules, three null rules and three corners.
 pub(crate) const RULES: usize = 8;
 
 /// Sums over edges of Lambert's terms, eight edges at a time, with [`RULES`] weights each.

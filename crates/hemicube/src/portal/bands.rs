@@ -3,10 +3,10 @@
 //! Bands are followed together in groups, [`Passes`] with a weight a band. Each ends by its own weights, so that a
 //! band's row does not depend on the others.
 
-use super::extend::{Extender, FINE, legs_of_pixels};
+use super::extend::{Extender, RowPixels, follow_row};
 use super::gather::{Column, Ledger};
 use super::known::KnownLegs;
-use super::pass::{Passes, PixelView, Taker};
+use super::pass::{Passes, Taker};
 use crate::backend::{BackendError, Hemicube, HemicubeBackend};
 use crate::bvh::Tree;
 use crate::delta::DeltaTable;
@@ -170,36 +170,19 @@ fn follow<const N: usize>(
     }
     let mut ledgers: [Ledger; N] = std::array::from_fn(|band| std::mem::take(&mut followed[band].ledger));
     ledgers.iter_mut().for_each(Ledger::clear);
-    passes.begin_row();
-    passes.legs_max = legs_of_pixels(seen.hemicubes);
     let mut taker = Taker {
         ledgers: &mut ledgers,
         column: |patch: u32| -> Column { bands[0].column(patch, &receives) },
         up: None,
     };
-    let mut is_valid = true;
-    for (place, hemicube) in seen.hemicubes.iter().enumerate() {
-        let drawn;
-        let items = match seen.items.get(place) {
-            Some(items) => items,
-            None => {
-                drawn = session.items(hemicube)?;
-                &drawn
-            }
-        };
-        let view = PixelView {
-            hemicube,
-            items,
-            table,
-            fine: FINE,
-            bound: bands[0].bound(),
-            cancel: Some(bands[0].cancel),
-        };
-        is_valid = passes.follow(&view, &portals, surfaces, &mut taker);
-        if !is_valid {
-            break;
-        }
-    }
+    let pixels = RowPixels {
+        hemicubes: seen.hemicubes,
+        items: seen.items,
+        table,
+        bound: bands[0].bound(),
+        cancel: bands[0].cancel,
+    };
+    let is_valid = follow_row(passes, pixels, &portals, surfaces, &mut taker, session)?;
     for ((followed, ledger), legs) in followed.iter_mut().zip(ledgers).zip(passes.legs) {
         *followed = Followed { ledger, legs, is_valid };
     }

@@ -36,7 +36,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Parts of a pixel's unit of weight.
-pub(super) const FINE: u64 = 1 << 10;
+const FINE: u64 = 1 << 10;
 /// Rays that a row begins with, without and with a tolerance, of which those that meet a portal are cast. Choices.
 const RAYS: [usize; 2] = [1 << 12, 1 << 12];
 /// Rays of a row with a tolerance at most.
@@ -160,7 +160,7 @@ impl<'a> Extender<'a> {
 
     /// The share of its weight at which a path ends.
     pub(super) fn bound(&self) -> f64 {
-        self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound)
+        bound(self.portals)
     }
 
     pub(super) fn surfaces(&self) -> Surfaces<'_> {
@@ -284,8 +284,6 @@ impl<'a> Extender<'a> {
         else {
             return Ok(());
         };
-        let bound = portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
-        passes.legs_max = legs_of_pixels(hemicubes);
         ledger.clear();
         let mut taker = Taker {
             ledgers: std::array::from_mut(ledger),
@@ -298,25 +296,14 @@ impl<'a> Extender<'a> {
             .map(|&(patch, _)| patch)
             .filter(|&patch| is_portal(patch))
             .collect();
-        for (place, hemicube) in hemicubes.iter().enumerate() {
-            let drawn;
-            let items = match items.get(place) {
-                Some(items) => items,
-                None => {
-                    drawn = session.items(hemicube)?;
-                    &drawn
-                }
-            };
-            let view = PixelView {
-                hemicube,
-                items,
-                table,
-                fine: FINE,
-                bound,
-                cancel: Some(*cancel),
-            };
-            passes.follow(&view, &seen, [tracer.surfaces()], &mut taker);
-        }
+        let pixels = RowPixels {
+            hemicubes,
+            items,
+            table,
+            bound: bound(portals),
+            cancel,
+        };
+        follow_row(passes, pixels, &seen, [tracer.surfaces()], &mut taker, session)?;
         [tracer.legs] = std::mem::take(&mut passes.legs);
         Ok(())
     }
@@ -554,9 +541,60 @@ fn column(portals: &Portals, patch: u32, receives: impl Fn(u32) -> bool) -> Colu
     }
 }
 
-/// Pixels followed of a row at most.
-pub(super) fn legs_of_pixels(hemicubes: &[Hemicube]) -> u64 {
-    LEGS[0] * hemicubes.len().max(1) as u64
+/// The share of its weight at which a path ends.
+fn bound(portals: &Portals) -> f64 {
+    portals.specular.as_ref().map_or(0.0, |specular| specular.bound)
+}
+
+/// A row's hemicubes, and how their pixels are followed.
+#[derive(Clone, Copy)]
+pub(super) struct RowPixels<'r> {
+    pub(super) hemicubes: &'r [Hemicube],
+    /// Item buffers; empty if they are still to be drawn.
+    pub(super) items: &'r [Items],
+    pub(super) table: &'r DeltaTable,
+    /// The share of its weight at which a path ends.
+    pub(super) bound: f64,
+    pub(super) cancel: &'r AtomicBool,
+}
+
+/// Follows a row's pixels for N bands. `portals` are those that the row may see. Returns false where each band is to be
+/// followed alone.
+///
+/// # Errors
+/// When the backend hands out no item buffers.
+pub(super) fn follow_row<const N: usize>(
+    passes: &mut Passes<N>,
+    row: RowPixels<'_>,
+    portals: &[u32],
+    surfaces: [Surfaces<'_>; N],
+    taker: &mut Taker<'_, N, impl Fn(u32) -> Column>,
+    session: &mut dyn HemicubeBackend,
+) -> Result<bool, BackendError> {
+    passes.begin_row();
+    passes.legs_max = LEGS[0] * row.hemicubes.len().max(1) as u64;
+    for (place, hemicube) in row.hemicubes.iter().enumerate() {
+        let drawn;
+        let items = match row.items.get(place) {
+            Some(items) => items,
+            None => {
+                drawn = session.items(hemicube)?;
+                &drawn
+            }
+        };
+        let view = PixelView {
+            hemicube,
+            items,
+            table: row.table,
+            fine: FINE,
+            bound: row.bound,
+            cancel: Some(row.cancel),
+        };
+        if !passes.follow(&view, portals, surfaces, taker) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Returns whether as many more rays as keep the permitted error cost less than measuring pairs by segments.

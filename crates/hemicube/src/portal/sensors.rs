@@ -93,7 +93,7 @@ impl<'a> Follower<'a> {
             return;
         }
         self.ledger.clear();
-        self.passes.legs = [0];
+        self.passes.begin_row();
         let images = self.images;
         let column = |patch: u32| match images {
             Some(images) if images.fold(patch).is_none() => Column::CutOff,
