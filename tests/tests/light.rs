@@ -541,6 +541,33 @@ fn a_wall_sunk_in_the_ground_sees_its_back() {
     }
 }
 
+/// A wall that stands on a ground triangle, its front to the middle: only the corner behind it sees its back. What it
+/// blocks is the closed form of the wall's back, from a scene in which that has a column. It was 0 by the hemicube at
+/// the middle, and all of it escaped.
+#[test]
+fn a_back_that_only_a_part_of_a_patch_sees_is_blocked() {
+    let place = Place::new();
+    let mesh = "v 0 0 0\nv 3 0 0\nv 0 3 0\nv 2 0 0\nv 2 1 0\nv 2 1 3\nv 2 0 3\nf 1 2 3\nf 7 6 5 4\n";
+    std::fs::write(place.path("foot.obj"), mesh).expect("written");
+    let row = |settings: &str| {
+        place.line(&format!(
+            "compute foot.obj -o m --rows 0..1 {settings} --quiet --overwrite"
+        ));
+        let store = Store::open(&place.path("m")).expect("a store");
+        let rows = store.row_table().expect("rows").clone();
+        (rows.row_sum[0], rows.escaped[0], rows.blocked[0])
+    };
+    let (front, ..) = row("--tolerance 0.01%");
+    let (both, ..) = row("--tolerance 0.01% --two-sided=on");
+    let behind = both - front;
+    assert!(behind > 0.025, "{front}, {both}");
+    for (settings, bound) in [("--correction area", 0.02), ("--tolerance 1%", 0.01)] {
+        let (_, escaped, blocked) = row(settings);
+        assert!((blocked - behind).abs() <= bound, "{settings}: {blocked}, {behind}");
+        assert!((escaped - (1.0 - both)).abs() <= bound, "{settings}: {escaped}, {both}");
+    }
+}
+
 /// Two large plates close together: q = σ(T₁⁴ − T₂⁴) / (1/ε₁ + 1/ε₂ − 1).
 #[test]
 fn two_plates_exchange_what_the_textbook_says() {

@@ -190,7 +190,16 @@ const SURELY: f64 = 2.0;
 /// Part of a sum's permitted error from which on rays measure the non-visible shares. A choice.
 const ASKED: f64 = 0.75;
 /// Factor on that part if only the sky takes a share: the sum of the form factors then tells it. A choice.
-const SKY_ONLY: f64 = 4.0;
+const SKY_ONLY: f64 = 2.0;
+/// Parts of a sum's permitted error that rays may leave in a share: of rows whose sum they tell, and of those in which
+/// they divide what the form factors leave. Choices.
+const RAYS_PART: f64 = 0.8;
+const SPLIT_PART: f64 = 0.65;
+/// Part of it that they may leave in the sum before form factors are held to be off by it. A choice.
+const SURE_PART: f64 = 0.45;
+/// Number of standard errors by which a first look differs from a hemicube's shares that does not stand for the patch.
+/// A choice: one row in twenty is measured for nothing.
+const DIFFERENT: f64 = 2.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;
 
@@ -355,6 +364,7 @@ impl<'c> Converter<'c> {
             permitted: self.correction.permitted_sum(),
             receives,
             found: self.ray_shares,
+            crossed: None,
         };
         let corrected = match self.correction {
             Correction::Pixel => self.pixel(hemicubes.len(), part),
@@ -640,31 +650,58 @@ struct SumBalance<'a, R> {
     receives: R,
     /// Rays' shares of the last emitter of which they were asked for.
     found: Option<(InputPatch, RayShares)>,
+    /// Whether a one-sided surface crosses the emitter, where that was asked.
+    crossed: Option<bool>,
 }
 
 impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
-    /// Returns whether rays were asked for this patch's shares.
-    fn has_ray_shares(&self) -> bool {
-        self.found.is_some_and(|(patch, _)| patch == self.emitter)
+    /// The rays cast from this patch so far.
+    fn cast(&self) -> Option<RayShares> {
+        self.found
+            .filter(|(patch, _)| *patch == self.emitter)
+            .map(|(_, found)| found)
     }
 
-    /// The shares by rays, cast at the first call; `None` for a patch without area.
-    fn ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
-        if !self.has_ray_shares() {
-            let found = ray_shares::measure(emitter, self.permitted, &self.receives);
-            self.found = found.map(|found| (self.emitter, found));
+    /// Returns whether rays were asked for this patch's shares.
+    fn has_ray_shares(&self) -> bool {
+        self.cast().is_some_and(|found| found.is_measurement())
+    }
+
+    /// The shares by rays with a part of the permitted error at most, cast where they were not; `None` for a patch
+    /// without area.
+    fn ray_shares(&mut self, emitter: &Emitter<'_>, part: f64) -> Option<RayShares> {
+        let mut found = self.look(emitter)?;
+        found.refine(emitter, self.permitted, part * self.permitted, &self.receives);
+        self.found = Some((self.emitter, found));
+        Some(found)
+    }
+
+    /// [`Self::ray_shares`], with as many rays as tell whether form factors of this sum are off by more than permitted.
+    fn sure_ray_shares(&mut self, emitter: &Emitter<'_>, factors: f64, part: f64) -> Option<RayShares> {
+        let mut found = self.ray_shares(emitter, part)?;
+        let off = |found: &RayShares| (1.0 - factors - found.shares().lost()).abs() > ASKED * self.permitted;
+        while off(&found) && found.error() > SURE_PART * self.permitted {
+            if !found.go_on(emitter, self.permitted, &self.receives) {
+                break;
+            }
         }
-        self.found.map(|(_, found)| found)
+        self.found = Some((self.emitter, found));
+        Some(found)
     }
 
     /// Returns whether form factors of this sum and the shares by rays are farther off 1 than `bound`.
     fn is_off_by_rays(&mut self, emitter: &Emitter<'_>, factors: f64, bound: f64) -> bool {
-        let found = self.ray_shares(emitter);
-        found.is_some_and(|found| (factors + found.shares.lost() - 1.0).abs() > bound)
+        let found = self.ray_shares(emitter, RAYS_PART);
+        found.is_some_and(|found| (factors + found.shares().lost() - 1.0).abs() > bound)
     }
 
-    /// Returns whether a row whose form factors have this sum needs shares by rays.
-    fn asks_rays(&self, factors: f64) -> bool {
+    /// Returns whether a row whose form factors have this sum needs shares by rays: for their sum, or to divide it.
+    fn needs_rays(&mut self, emitter: &Emitter<'_>, factors: f64) -> bool {
+        self.is_off(factors) || self.is_split(emitter, self.hemicubes.refined(factors, f64::NAN))
+    }
+
+    /// Returns whether form factors of this sum and the hemicubes' shares are off 1, or rays were asked for.
+    fn is_off(&self, factors: f64) -> bool {
         let residual = (1.0 - factors - self.hemicubes.lost()).abs();
         // If only the sky takes a share, the sum of the form factors tells it.
         let is_sky_only =
@@ -673,25 +710,55 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         is_off || factors > 1.0 + ASKED * self.permitted || self.has_ray_shares()
     }
 
-    /// Returns whether at least two of these shares matter. The form factors tell their sum and not how it divides,
-    /// and a hemicube at the centroid of a large patch divides it as the centroid sees it. It may see no back of a
-    /// surface that crosses the patch.
-    fn is_split(&self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
-        let matter = shares
-            .to_array()
-            .iter()
-            .filter(|&&share| share > self.permitted)
-            .count();
-        matter > 1 || (matter == 1 && ray_shares::is_crossed(emitter))
+    /// Number of shares that matter.
+    fn matter(&self, shares: RowShares) -> usize {
+        let shares = shares.to_array();
+        shares.iter().filter(|&&share| share > self.permitted).count()
+    }
+
+    /// Returns whether at least two of these shares matter, or rays see others. The form factors tell their sum and not
+    /// how it divides, and a hemicube at the centroid of a large patch divides it as the centroid sees it. It may see
+    /// no back of a surface that crosses the patch, or that only a part of it sees. Rays are not asked where no share
+    /// matters and no tolerance is asked for.
+    fn is_split(&mut self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
+        match self.matter(shares) {
+            0 if self.permitted >= USUAL_SUM => false,
+            0 | 1 => self.differs(emitter, shares) || self.is_crossed(emitter),
+            _ => true,
+        }
+    }
+
+    /// [`ray_shares::is_crossed`], asked once a row.
+    fn is_crossed(&mut self, emitter: &Emitter<'_>) -> bool {
+        *self.crossed.get_or_insert_with(|| ray_shares::is_crossed(emitter))
+    }
+
+    /// Returns whether a first look by rays meets what has no share, or differs from these shares by more than two
+    /// standard errors and the permitted one.
+    fn differs(&mut self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
+        let Some(found) = self.look(emitter) else {
+            return false;
+        };
+        self.found = Some((self.emitter, found));
+        let pairs = found.shares().to_array().into_iter().zip(shares.to_array());
+        pairs.zip(found.errors()).any(|((seen, share), error)| {
+            (share == 0.0 && seen > 0.0) || (seen - share).abs() > (DIFFERENT * error).max(self.permitted)
+        })
+    }
+
+    /// The rays cast from this patch so far, or first ones; `None` for a patch without area.
+    fn look(&self, emitter: &Emitter<'_>) -> Option<RayShares> {
+        let first = || RayShares::look(emitter, self.permitted, &self.receives);
+        self.cast().or_else(first)
     }
 
     /// Difference of form factors of this sum from their known sum; `None` if permitted.
     fn lacking(&mut self, emitter: &Emitter<'_>, factors: f64) -> Option<Lacking> {
-        if !self.asks_rays(factors) {
+        if !self.needs_rays(emitter, factors) {
             return None;
         }
-        let found = self.ray_shares(emitter)?;
-        let sum = 1.0 - factors - found.shares.lost();
+        let found = self.sure_ray_shares(emitter, factors, RAYS_PART)?;
+        let sum = 1.0 - factors - found.shares().lost();
         (sum.abs() > ASKED * self.permitted).then(|| Lacking {
             sum,
             error: found.error(),
@@ -729,13 +796,21 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
         let emitter = Emitter::new(self.model, self.emitter);
-        if !self.asks_rays(factors) && !self.is_split(&emitter, by_hemicubes) {
+        if !self.needs_rays(&emitter, factors) {
             return by_hemicubes;
         }
-        self.ray_shares(&emitter).map_or(by_hemicubes, |found| {
-            let permitted = ASKED * self.permitted;
-            found.shares.refined_within(factors, found.errors(), permitted)
-        })
+        let Some(found) = self.ray_shares(&emitter, RAYS_PART) else {
+            return by_hemicubes;
+        };
+        let part = if self.matter(found.shares()) > 1 {
+            SPLIT_PART
+        } else {
+            RAYS_PART
+        };
+        self.sure_ray_shares(&emitter, factors, part)
+            .map_or(by_hemicubes, |found| {
+                found.shares().refined_within(factors, ASKED * self.permitted)
+            })
     }
 }
 

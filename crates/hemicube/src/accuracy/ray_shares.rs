@@ -14,9 +14,11 @@ use crate::sampling::splitmix;
 use crate::simd::{InstructionSet, dispatch, dot, minus, most};
 use crate::store::shares::RowShares;
 use crate::visibility::segments::{Segment, crossing, next_block};
+use crate::visibility::wide::WideTree;
 use glam::DVec3;
 
-/// Number of rays from a patch, at least and at most. Choices.
+/// Number of rays that look for shares a hemicube did not see, of a measurement at least, and at most. Choices.
+const FIRST: usize = 64;
 const LEAST: usize = 256;
 const MOST: usize = 1 << 14;
 /// Largest number of rays for a permitted error below [`FINE`]: shares within 5·10⁻⁴. A choice.
@@ -29,8 +31,6 @@ const MOST_BLOCKS: u64 = 1 << 22;
 /// Blocks of triangles in an emitter's box that are asked whether they cross it. A choice: some tenths of a
 /// millisecond.
 const MOST_CROSSED: usize = 1024;
-/// Part of a permitted error that rays may leave. A choice.
-const PART: f64 = 0.8;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
 
@@ -43,49 +43,100 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
     variance.max(0.25 / count as f64).sqrt() / (root * eighth)
 }
 
-/// Shares measured by rays.
-#[derive(Clone, Copy, Debug)]
+/// Shares measured by rays, which may go on.
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RayShares {
-    pub(crate) shares: RowShares,
+    /// Rays to the outside, to backs, and to patches without a column.
+    met: [u32; 3],
     /// Number of rays.
-    pub(crate) rays: usize,
+    rays: usize,
+    /// Blocks of triangles that they met.
+    blocks: u64,
 }
 
 impl RayShares {
+    pub(crate) fn shares(&self) -> RowShares {
+        RowShares::from_array(self.met.map(|met| f64::from(met) / self.rays.max(1) as f64))
+    }
+
     /// The standard errors of the shares.
     pub(crate) fn errors(&self) -> [f64; 3] {
-        self.shares
+        self.shares()
             .to_array()
             .map(|share| error(share * (1.0 - share), self.rays))
     }
 
     /// The standard error of the sum of all three.
     pub(crate) fn error(&self) -> f64 {
-        let sum = self.shares.lost().min(1.0);
+        let sum = self.shares().lost().min(1.0);
         error(sum * (1.0 - sum), self.rays)
     }
-}
 
-/// Measures the non-visible shares of a patch by 256 rays, and by twice as many until no share has a standard error
-/// much above `permitted`, or 16,384 were cast (65,536 for a permitted error below 10⁻³), or they met 2²² blocks of
-/// triangles. `receives` tells the patches with a column. `None` for a patch without area.
-pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
-    let tree = Tree::of(emitter.model.geometry());
-    let [a, b, c] = emitter.corners;
-    let normal = geometry::cross(&emitter.corners).try_normalize()?;
-    let (x, y) = normal.any_orthonormal_pair();
-    let horizon = Plane {
-        normal,
-        offset: normal.dot(a),
-    };
-    let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
-    let (mut escaped, mut blocked, mut unselected) = (0u32, 0u32, 0u32);
-    let (mut pending, mut blocks) = (Vec::new(), 0u64);
-    let most = if permitted < FINE { MOST_FINE } else { MOST };
-    let mut count = 0;
-    loop {
-        let wanted = (2 * count).max(LEAST);
-        for at in (count..wanted).step_by(BATCH) {
+    /// Returns whether they are a measurement, not only a look at what a hemicube did not see.
+    pub(crate) fn is_measurement(&self) -> bool {
+        self.rays >= LEAST
+    }
+
+    /// Returns whether no further rays may be cast for a permitted error.
+    pub(crate) fn is_at_its_bound(&self, permitted: f64) -> bool {
+        let most = if permitted < FINE { MOST_FINE } else { MOST };
+        self.rays >= most || self.blocks >= MOST_BLOCKS
+    }
+
+    /// Casts the first rays from a patch, 64 to 256: a share of twice the permitted error is met by two of them. `None`
+    /// for a patch without area.
+    pub(crate) fn look(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<Self> {
+        let mut found = Self::default();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 256")]
+        let first = permitted.recip().clamp(FIRST as f64, LEAST as f64) as usize;
+        found.cast(emitter, first.next_power_of_two(), receives);
+        (found.rays > 0).then_some(found)
+    }
+
+    /// Casts 256 rays, and twice as many until no share has a standard error above `wanted`, or their bound is met: 16,384
+    /// rays (65,536 for a permitted error below 10⁻³), or 2²² blocks of triangles.
+    pub(crate) fn refine(
+        &mut self,
+        emitter: &Emitter<'_>,
+        permitted: f64,
+        wanted: f64,
+        receives: impl Fn(u32) -> bool,
+    ) {
+        while !self.is_measurement() || self.errors().iter().any(|&error| error > wanted) {
+            if !self.go_on(emitter, permitted, &receives) {
+                break;
+            }
+        }
+    }
+
+    /// Casts as many rays again, 256 at least; returns false where the bound allows none.
+    pub(crate) fn go_on(&mut self, emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> bool {
+        let may = !self.is_at_its_bound(permitted);
+        if may {
+            self.cast(emitter, (2 * self.rays).max(LEAST), receives);
+        }
+        may
+    }
+
+    /// Casts rays until there are `wanted`. `receives` tells the patches with a column. None from a patch without area.
+    fn cast(&mut self, emitter: &Emitter<'_>, wanted: usize, receives: impl Fn(u32) -> bool) {
+        let geometry = emitter.model.geometry();
+        let (tree, wide) = (
+            Tree::of(geometry),
+            geometry.kept(|geometry| WideTree::of(&Tree::of(geometry))),
+        );
+        let [a, b, c] = emitter.corners;
+        let Some(normal) = geometry::cross(&emitter.corners).try_normalize() else {
+            return;
+        };
+        let (x, y) = normal.any_orthonormal_pair();
+        let horizon = Plane {
+            normal,
+            offset: normal.dot(a),
+        };
+        let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
+        let mut pending = Vec::new();
+        for at in (self.rays..wanted).step_by(BATCH) {
             let u = sequence.points(at);
             for l in 0..BATCH {
                 let (s, t) = fold(u[0][l], u[1][l]);
@@ -94,27 +145,17 @@ pub(crate) fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u
                 let radius = u[2][l].sqrt();
                 let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
                 let ends = [from, from + towards * FAR];
-                let met = nearest_counted(&tree, ends, &horizon, &mut pending, &mut blocks);
+                WideTree::begin(&mut pending);
+                let next = |segment: &Segment| wide.next(segment, &mut pending);
+                let met = nearest_of(&tree, ends, &horizon, next, &mut self.blocks);
                 match met.map(|met| met.id) {
-                    None => escaped += 1,
-                    Some(id) if id >= tree.patch_count => blocked += 1,
-                    Some(id) => unselected += u32::from(!receives(id)),
+                    None => self.met[0] += 1,
+                    Some(id) if id >= tree.patch_count => self.met[1] += 1,
+                    Some(id) => self.met[2] += u32::from(!receives(id)),
                 }
             }
         }
-        count = wanted;
-        let share = |met: u32| f64::from(met) / count as f64;
-        let found = RayShares {
-            shares: RowShares {
-                escaped: share(escaped),
-                blocked: share(blocked),
-                unselected: share(unselected),
-            },
-            rays: count,
-        };
-        if count >= most || blocks >= MOST_BLOCKS || found.errors().iter().all(|&error| error <= PART * permitted) {
-            return Some(found);
-        }
+        self.rays = wanted;
     }
 }
 
@@ -187,24 +228,25 @@ pub(crate) struct Met {
 /// The first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
 /// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
 pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
-    nearest_counted(tree, [start, end], horizon, pending, &mut 0)
+    pending.clear();
+    pending.push(0);
+    let next = |segment: &Segment| next_block(tree, segment, pending);
+    nearest_of(tree, [start, end], horizon, next, &mut 0)
 }
 
-/// [`nearest`]; adds the blocks of triangles met on the way to `blocks`.
-fn nearest_counted(
+/// [`nearest`], of the blocks of triangles that `next` finds on the way; adds them to `blocks`.
+fn nearest_of(
     tree: &Tree,
     [start, end]: [DVec3; 2],
     horizon: &Plane,
-    pending: &mut Vec<u32>,
+    mut next: impl FnMut(&Segment) -> Option<u32>,
     blocks: &mut u64,
 ) -> Option<Met> {
     let along = end - start;
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
     let mut first: Option<Met> = None;
-    pending.clear();
-    pending.push(0);
     let ends = [start.to_array(), end.to_array()];
-    while let Some(leaf) = next_block(tree, &segment, pending) {
+    while let Some(leaf) = next(&segment) {
         *blocks += 1;
         let block = &tree.blocks[leaf as usize];
         let mut places = [f64::INFINITY; LANES];
@@ -302,6 +344,12 @@ mod tests {
 
     const PERMITTED: f64 = 0.01;
 
+    fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
+        let mut found = RayShares::look(emitter, permitted, &receives)?;
+        found.refine(emitter, permitted, 0.8 * permitted, receives);
+        Some(found)
+    }
+
     fn model(triangles: &[([DVec3; 3], bool)]) -> Model {
         let scene = Scene {
             triangles: triangles
@@ -340,7 +388,7 @@ mod tests {
         let [a, b] = [0, 1].map(|patch| {
             measure(&Emitter::new(model, InputPatch(patch)), PERMITTED, receives)
                 .expect("it has area")
-                .shares
+                .shares()
                 .to_array()
         });
         RowShares::from_array([0, 1, 2].map(|k| 0.5 * (a[k] + b[k])))
@@ -412,12 +460,12 @@ mod tests {
         let seen = model(&[small, wide(1.0, true), wide(2.0, false)]);
         let shares = measure(&Emitter::new(&seen, InputPatch(0)), PERMITTED, |_| true)
             .expect("it has area")
-            .shares;
+            .shares();
         assert!(shares.lost() < 0.01, "{shares:?}");
         let hidden = model(&[small, wide(2.0, true), wide(1.0, false)]);
         let shares = measure(&Emitter::new(&hidden, InputPatch(0)), PERMITTED, |_| true)
             .expect("it has area")
-            .shares;
+            .shares();
         assert!(shares.blocked > 0.99, "{shares:?}");
     }
 
@@ -456,7 +504,7 @@ mod tests {
             let seen = model(&[small, (wall(1.0), false), ([a, c, b], false)]);
             let shares = measure(&Emitter::new(&seen, InputPatch(0)), PERMITTED, |_| true)
                 .expect("it has area")
-                .shares;
+                .shares();
             assert!(shares.lost() < 0.01, "{gap}: {shares:?}");
         }
     }

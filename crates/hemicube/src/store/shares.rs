@@ -86,18 +86,16 @@ impl RowShares {
         Self::from_array(shares)
     }
 
-    /// [`Self::refined`] for shares with known errors. Together they move by three times their `errors` at most; the
-    /// rest of the residual is the form factors'. If the rest exceeds `permitted`, the shares take it all: pairs were
-    /// looked for before, and uncertain ones moved.
-    pub(crate) fn refined_within(self, factors: f64, errors: [f64; 3], permitted: f64) -> Self {
+    /// [`Self::refined`] for measured shares. They take the residual where it is `permitted`. Of a larger one, which is the
+    /// form factors' own, they take what exceeds `permitted`: pairs were looked for before, and uncertain ones moved.
+    pub(crate) fn refined_within(self, factors: f64, permitted: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
-        let most = ERRORS * errors.iter().map(|error| error * error).sum::<f64>().sqrt();
-        let most = if residual.abs() - most > permitted {
-            f64::INFINITY
+        let taken = if residual.abs() <= permitted {
+            residual
         } else {
-            most
+            residual - permitted.copysign(residual)
         };
-        Self::from_array(self.deal(self.to_array(), residual.clamp(-most, most), [1.0; 3]).0)
+        Self::from_array(self.deal(self.to_array(), taken, [1.0; 3]).0)
     }
 
     /// Distributes `residual` over `shares`, none of which may exceed its `most`. Returns the new shares and the rest.
@@ -238,14 +236,14 @@ mod tests {
     }
 
     #[test]
-    fn shares_of_known_errors_move_within_them() {
+    fn measured_shares_take_what_is_permitted_and_leave_that_of_what_is_not() {
         let before = shares(0.2, 0.1, 0.0);
-        let near_by = before.refined_within(0.71, [0.004, 0.003, 0.0], 0.1);
+        let near_by = before.refined_within(0.71, 0.1);
         assert!(near(near_by.lost(), 0.29), "{near_by:?}");
-        // Three times 0.005 of the missing 0.1: the form factors are off.
-        let far_off = before.refined_within(0.6, [0.004, 0.003, 0.0], 0.1);
-        assert!(near(far_off.lost(), 0.315), "{far_off:?}");
-        // Farther than a row may be: the form factors are measured, and the shares are not.
-        assert!(near(before.refined_within(0.6, [0.004, 0.003, 0.0], 0.02).lost(), 0.4));
+        // The form factors are 0.1 short, of which a row may keep 0.02.
+        let far_off = before.refined_within(0.6, 0.02);
+        assert!(near(far_off.lost(), 0.38), "{far_off:?}");
+        let too_much = before.refined_within(0.75, 0.02);
+        assert!(near(too_much.lost(), 0.27), "{too_much:?}");
     }
 }
