@@ -197,6 +197,10 @@ const RAYS_PART: f64 = 0.8;
 const SPLIT_PART: f64 = 0.65;
 /// Part of it that they may leave in the sum before form factors are held to be off by it. A choice.
 const SURE_PART: f64 = 0.45;
+/// [`SURE_PART`] of a row whose form factors and hemicubes agree, and number of standard errors by which rays must differ
+/// from both. Choices: a row in a thousand is spoilt by less than its permitted error.
+const SURE_PART_AGREED: f64 = 0.25;
+const SURE_OF_BOTH: f64 = 3.0;
 /// Number of standard errors by which a first look differs from a hemicube's shares that does not stand for the patch.
 /// A choice: one row in twenty is measured for nothing.
 const DIFFERENT: f64 = 2.0;
@@ -680,7 +684,12 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     fn sure_ray_shares(&mut self, emitter: &Emitter<'_>, factors: f64, part: f64) -> Option<RayShares> {
         let mut found = self.ray_shares(emitter, part)?;
         let off = |found: &RayShares| (1.0 - factors - found.shares().lost()).abs() > ASKED * self.permitted;
-        while off(&found) && found.error() > SURE_PART * self.permitted {
+        let sure = if self.agree(factors) {
+            SURE_PART_AGREED
+        } else {
+            SURE_PART
+        };
+        while off(&found) && found.error() > sure * self.permitted {
             if !found.go_on(emitter, self.permitted, &self.receives) {
                 break;
             }
@@ -702,12 +711,17 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
 
     /// Returns whether form factors of this sum and the hemicubes' shares are off 1, or rays were asked for.
     fn is_off(&self, factors: f64) -> bool {
+        !self.agree(factors) || self.has_ray_shares()
+    }
+
+    /// Returns whether form factors of this sum and the hemicubes' shares come to 1.
+    fn agree(&self, factors: f64) -> bool {
         let residual = (1.0 - factors - self.hemicubes.lost()).abs();
         // If only the sky takes a share, the sum of the form factors tells it.
         let is_sky_only =
             self.hemicubes.escaped > 0.0 && self.hemicubes.blocked == 0.0 && self.hemicubes.unselected == 0.0;
-        let is_off = residual > ASKED * self.permitted * if is_sky_only { SKY_ONLY } else { 1.0 };
-        is_off || factors > 1.0 + ASKED * self.permitted || self.has_ray_shares()
+        let most = if is_sky_only { SKY_ONLY } else { 1.0 };
+        residual <= most * ASKED * self.permitted && factors <= 1.0 + ASKED * self.permitted
     }
 
     /// Number of shares that matter.
@@ -759,10 +773,9 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         }
         let found = self.sure_ray_shares(emitter, factors, RAYS_PART)?;
         let sum = 1.0 - factors - found.shares().lost();
-        (sum.abs() > ASKED * self.permitted).then(|| Lacking {
-            sum,
-            error: found.error(),
-        })
+        let error = found.error();
+        let noise = if self.agree(factors) { SURE_OF_BOTH * error } else { 0.0 };
+        (sum.abs() > noise.max(ASKED * self.permitted)).then_some(Lacking { sum, error })
     }
 
     /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
