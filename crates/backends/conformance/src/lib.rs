@@ -17,6 +17,7 @@
 
 mod cases;
 pub mod compare;
-pub mod scenes;
+mod passes;
+mod scenes;
 
 pub use cases::{Case, Check, Outcome, cases, run};

@@ -286,7 +286,7 @@ impl<'a> Extender<'a> {
                 bound,
                 cancel: Some(*cancel),
             };
-            passes.follow(&view, &seen, tracer.surfaces(), &mut taker);
+            passes.follow(&view, &seen, tracer.surfaces(), &mut taker, Some(&mut *session))?;
         }
         tracer.legs = std::mem::take(&mut passes.legs);
         let ledger = taker.ledger;

@@ -16,10 +16,10 @@ use super::specular::Optics;
 use super::trace::{PASSES_MAX, Surfaces, divide};
 use super::window::{EDGE, FaceView, NOTHING, Window};
 use crate::accuracy::ray_shares::nearest;
-use crate::backend::{Hemicube, RESOLUTIONS, WHOLE};
+use crate::backend::{self, BackendError, Hemicube, HemicubeBackend, RESOLUTIONS, WHOLE};
 use crate::bvh::{LANES, Tree};
 use crate::delta::DeltaTable;
-use crate::face::{Face, Items};
+use crate::face::{Face, Items, pixel_count};
 use crate::geometry::{self, Plane};
 use crate::sampling::splitmix;
 use crate::simd::InstructionSet;
@@ -34,6 +34,9 @@ const FEW: usize = 4;
 const MOST_WINDOWS: usize = (*RESOLUTIONS.end() / EDGE) as usize;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
+/// Part of a hemicube's pixels from which on a pass is drawn by the backend, where it can: smaller ones are cheaper in
+/// windows than the upload of a mask and the reading back of an atlas.
+const DEVICE_PART: usize = 16;
 /// Parts of the bound on pixels drawn after which light ones merge, and T then, in parts of the hemicube. Choices: at
 /// T = 2⁻¹⁷ of it, draws vary a share F by √F · 0.3 % at most.
 const MERGE: [(u64, u64); 4] = [(16, 1 << 18), (8, 1 << 17), (4, 1 << 16), (2, 1 << 14)];
@@ -50,10 +53,36 @@ struct Pixel {
 }
 
 impl Pixel {
+    /// Its place in the atlas.
+    fn place(&self, resolution: u32) -> usize {
+        let row = Face::ALL[usize::from(self.face)].first_row(resolution) + u32::from(self.y);
+        (row * resolution + u32::from(self.x)) as usize
+    }
+
     /// The window that it belongs to.
     fn window(&self) -> [u32; 3] {
         [u32::from(self.face), u32::from(self.y) / EDGE, u32::from(self.x) / EDGE]
     }
+}
+
+/// Draws a pass on a backend's device, where that is made to and the pass is large.
+fn by_device(pass: &Pass, resolution: u32, session: &mut dyn HemicubeBackend) -> Result<Option<Items>, BackendError> {
+    if !session.info().capabilities.passes || pass.pixels.len() * DEVICE_PART < pixel_count(resolution) {
+        return Ok(None);
+    }
+    let mut open = vec![0u32; pixel_count(resolution) / 32];
+    for pixel in &pass.pixels {
+        let place = pixel.place(resolution);
+        open[place / 32] |= 1 << (place % 32);
+    }
+    let drawn = session.pass(&backend::Pass {
+        origin: pass.eye,
+        axes: pass.axes,
+        normal: pass.horizon.normal,
+        offset: pass.horizon.offset,
+        open: &open,
+    })?;
+    Ok(Some(drawn))
 }
 
 /// A hemicube behind a portal, and its open pixels, window by window.
@@ -208,14 +237,19 @@ impl Passes {
         }
     }
 
-    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see.
+    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see; large passes are drawn by `session`,
+    /// where it can.
+    ///
+    /// # Errors
+    /// The session's.
     pub(super) fn follow(
         &mut self,
         view: &PixelView<'_>,
         portals: &[u32],
         surfaces: Surfaces<'_>,
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
-    ) {
+        mut session: Option<&mut dyn HemicubeBackend>,
+    ) -> Result<(), BackendError> {
         let PixelView {
             hemicube,
             items,
@@ -271,7 +305,12 @@ impl Passes {
         self.windows = windows;
         self.begin_children(hemicube.origin, hemicube.axes, 0);
         while let Some(pass) = self.pending.pop() {
-            self.draw(&pass, resolution, surfaces, taker);
+            let drawn = match &mut session {
+                Some(session) => by_device(&pass, resolution, &mut **session),
+                None => Ok(None),
+            };
+            let drawn = drawn.inspect_err(|_| self.pending.clear())?;
+            self.draw(&pass, resolution, drawn.as_ref(), surfaces, taker);
             self.begin_children(pass.eye, pass.axes, pass.depth);
             let mut pixels = pass.pixels;
             pixels.clear();
@@ -286,6 +325,7 @@ impl Passes {
             found.weight += weight;
             found.passed += passed;
         }
+        Ok(())
     }
 
     /// Lists the windows that portals may be in, in the order of faces, rows and columns.
@@ -404,11 +444,12 @@ impl Passes {
         }
     }
 
-    /// Draws a pass, window by window, and hands on what meets portals.
+    /// Draws a pass, window by window unless a device has, and hands on what meets portals.
     fn draw(
         &mut self,
         pass: &Pass,
         resolution: u32,
+        drawn: Option<&Items>,
         surfaces: Surfaces<'_>,
         taker: &mut Taker<'_, impl Fn(u32) -> Column>,
     ) {
@@ -417,7 +458,10 @@ impl Passes {
             let face = Face::ALL[usize::from(pixels[0].face)];
             let view = view_of(face, resolution, pass.eye, &pass.axes, pass.horizon);
             seen.clear();
-            if pixels.len() <= FEW {
+            if let Some(items) = drawn {
+                // Its numbers for what is no patch are those of windows: none is a patch, and `ESCAPED` is `NOTHING`.
+                seen.extend(pixels.iter().map(|pixel| items.seen[pixel.place(resolution)]));
+            } else if pixels.len() <= FEW {
                 seen.extend(pixels.iter().map(|pixel| self.cast(&view, pixel)));
             } else {
                 let (x, y) = (
