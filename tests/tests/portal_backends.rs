@@ -1,5 +1,6 @@
 //! Mirrors over backends on a device: the plugin draws the first pass and hands out item buffers; large passes through
-//! portals are drawn by plugins that can, all else is followed on the processor. Rows are those of the CPU backend within the noise of pixels.
+//! portals are drawn by plugins that can, all else is followed on the processor. Rows are those of the CPU backend
+//! within the noise of pixels.
 
 #![cfg(unix)]
 

@@ -615,7 +615,8 @@ typedef struct HcPass {
  to a thread, such as a GL context, is therefore made current when a call begins and released when it ends. The host
  holds no lock during a call. Nothing may unwind out of a function. The image is never unloaded.
 
- The first version ended at `close`, and such a table stays valid: a host takes entries beyond `struct_size` for NULL.
+ The first version ended at `close`, and such a table stays valid: a host takes entries beyond `struct_size` for
+ NULL.
  */
 typedef struct HcBackend {
   /*
@@ -677,8 +678,8 @@ typedef struct HcBackend {
    */
   void (*close)(HcSession *session);
   /*
-   Writes what each open pixel of a pass shows, as `items` does; closed pixels may hold anything. NULL, or not there,
-   without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
+   Writes what each open pixel of a pass shows, as `items` does; closed pixels may hold anything. NULL, or not
+   there, without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
    */
   HcStatus (*pass)(HcSession *session, const struct HcPass *pass, uint32_t *items, struct HcError *error);
 } HcBackend;

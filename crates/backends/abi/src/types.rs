@@ -356,7 +356,8 @@ pub struct HcRows {
 /// to a thread, such as a GL context, is therefore made current when a call begins and released when it ends. The host
 /// holds no lock during a call. Nothing may unwind out of a function. The image is never unloaded.
 ///
-/// The first version ended at `close`, and such a table stays valid: a host takes entries beyond `struct_size` for NULL.
+/// The first version ended at `close`, and such a table stays valid: a host takes entries beyond `struct_size` for
+/// NULL.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcBackend {
@@ -412,8 +413,8 @@ pub struct HcBackend {
     >,
     /// Ends a session, whatever state it is in. [session-thread]
     pub close: Option<unsafe extern "C" fn(session: *mut HcSession)>,
-    /// Writes what each open pixel of a pass shows, as `items` does; closed pixels may hold anything. NULL, or not there,
-    /// without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
+    /// Writes what each open pixel of a pass shows, as `items` does; closed pixels may hold anything. NULL, or not
+    /// there, without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
     pub pass: Option<
         unsafe extern "C" fn(
             session: *mut HcSession,

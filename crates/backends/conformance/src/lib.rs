@@ -18,6 +18,6 @@
 mod cases;
 pub mod compare;
 mod passes;
-mod scenes;
+pub mod scenes;
 
 pub use cases::{Case, Check, Outcome, cases, run};

@@ -637,8 +637,8 @@ impl HemicubeBackend for LoadedBackend {
         };
         let pixels = pixel_count(resolution);
         let out = self.items.prepare(pixels);
-        // SAFETY: a function of the table, with its own session; the mask is as long as the pass says, and there is room
-        // for the whole atlas.
+        // SAFETY: a function of the table, with its own session; the mask is as long as the pass says, and there is
+        // room for the whole atlas.
         let call = |session, error| unsafe { draw(session, &raw const raw, out, error) };
         let result = self.call("pass", Box::new(call));
         self.items.check(&self.library, "items", "pass");

@@ -34,8 +34,9 @@ const FEW: usize = 4;
 const MOST_WINDOWS: usize = (*RESOLUTIONS.end() / EDGE) as usize;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
-/// Part of a hemicube's pixels from which on a pass is drawn by the backend, where it can: smaller ones are cheaper in
-/// windows than the upload of a mask and the reading back of an atlas.
+/// Part of a hemicube's pixels from which on a pass is drawn by the backend, where it can. A choice, not a measurement:
+/// a mask is uploaded and an atlas read back however small the pass, while windows cost what its pixels do. It depends
+/// on nothing but the pass, so that rows do not depend on how fast a device is.
 const DEVICE_PART: usize = 16;
 /// Parts of the bound on pixels drawn after which light ones merge, and T then, in parts of the hemicube. Choices: at
 /// T = 2⁻¹⁷ of it, draws vary a share F by √F · 0.3 % at most.
