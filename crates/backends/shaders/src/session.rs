@@ -25,6 +25,7 @@ pub const CAPABILITIES: Capabilities = Capabilities {
     tiny_patches: true,
     items: true,
     lossless_culling: true,
+    passes: false,
 };
 
 /// Hemicubes of a call, for submissions of `batch`: four submissions. One is read back while the next is under way, and

@@ -87,6 +87,12 @@ stages! {
     /// For depths alone, without the emitter.
     OCCLUDE_OTHERS: "render" "occlude_others" Fragment
         reads [] writes [];
+    /// [`RENDER`] with heights above a portal's plane, for [`IDENTIFY_THROUGH`].
+    THROUGH: "through" "through" Vertex
+        reads [] writes [];
+    /// [`IDENTIFY`] of what is seen through a portal.
+    IDENTIFY_THROUGH: "through" "identify_through" Fragment
+        reads [SETTINGS] writes [];
     /// Groups: resolution / 16, 3 × resolution / 16, layers.
     PYRAMID_OF: "pyramid" "pyramid_of" Compute
         reads [SETTINGS DEPTHS] writes [PYRAMID];

@@ -3,7 +3,7 @@
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
 use glam::DVec3;
-use hemicube_contract::backend::{Geometry, Hemicube};
+use hemicube_contract::backend::{Geometry, Hemicube, Pass};
 use hemicube_contract::bvh::distance;
 use hemicube_contract::face::Face;
 use hemicube_spatial::Visit;
@@ -13,6 +13,8 @@ use std::ops::RangeInclusive;
 pub const VIEW_WORDS: usize = 64;
 /// Bytes of a view.
 pub const VIEW_BYTES: u32 = 256;
+/// The first word of a portal's plane.
+const PORTAL: usize = 36;
 /// Faces of a hemicube, and views of a slot.
 pub const FACES: u32 = 5;
 
@@ -110,6 +112,33 @@ pub fn views(
         words[4 * rows.len()] = narrow(near);
         words
     })
+}
+
+/// The five views of a pass, in slot and layer 0.
+pub fn pass_views(geometry: &Geometry, upload: &Upload, pass: &Pass<'_>, resolution: u32) -> [[u32; VIEW_WORDS]; 5] {
+    let hemicube = Hemicube {
+        emitter: None,
+        origin: pass.origin,
+        axes: pass.axes,
+    };
+    let at = View {
+        slot: 0,
+        layer: 0,
+        stamp: FIRST_STAMP,
+    };
+    let mut views = views(geometry, upload, &hemicube, resolution, at);
+    let [x, y, z] = pass.axes;
+    let height = pass.normal.dot(pass.origin) - pass.offset;
+    for words in &mut views {
+        words[PORTAL - 3] = u32::from(x.cross(y).dot(z) < 0.0);
+        let plane = pass.normal.to_array().into_iter().chain([height]);
+        for (word, x) in words[PORTAL..].iter_mut().zip(plane) {
+            #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
+            let narrow = x as f32;
+            *word = narrow.to_bits();
+        }
+    }
+    views
 }
 
 /// The views of a submission, five a slot. The groups' stamps begin at `first_stamp`.
