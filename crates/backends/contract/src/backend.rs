@@ -231,9 +231,15 @@ impl Hemicube {
     }
 }
 
+/// Height over a portal's plane that a backend may take for none, in parts of the distance from the eye: besides the
+/// geometry's `plane_tolerance`, and above the rounding of f32.
+pub const HEIGHT_SLACK: f64 = 2e-6;
+
 /// A pass: the view through a portal, in the pixels that show the portal. Normalised coordinates.
 ///
-/// Behind a mirror the eye and the axes are a hemicube's, reflected; behind a pane they are the hemicube's own.
+/// Behind a mirror the eye and the axes are a hemicube's, reflected; behind a pane they are the hemicube's own. Of a
+/// surface with no corner more than the geometry's `plane_tolerance` above the portal's plane nothing is seen: the
+/// portal itself is one. All others are cut by the plane, where heights up to [`HEIGHT_SLACK`] may count as none.
 #[derive(Clone, Copy, Debug)]
 pub struct Pass<'a> {
     /// The eye.

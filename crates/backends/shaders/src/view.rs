@@ -13,7 +13,8 @@ use std::ops::RangeInclusive;
 pub const VIEW_WORDS: usize = 64;
 /// Bytes of a view.
 pub const VIEW_BYTES: u32 = 256;
-/// The first word of a portal's plane.
+/// The words of the near plane's distance, and of a portal's plane.
+const NEAR_WORD: usize = 32;
 const PORTAL: usize = 36;
 /// Faces of a hemicube, and views of a slot.
 pub const FACES: u32 = 5;
@@ -109,9 +110,19 @@ pub fn views(
             words[..3].copy_from_slice(three);
             words[3] = *last;
         }
-        words[4 * rows.len()] = narrow(near);
+        words[NEAR_WORD] = narrow(near);
         words
     })
+}
+
+/// The distance of a pass's near plane, for an eye at a height over the portal's plane: a power of two of at most half
+/// the distance, along the axis of any face, at which something may be seen beyond the portal; at least 2⁻³⁰. From a
+/// nearer one, triangles that pass the eye would be clipped to corners whose heights round too coarsely.
+fn near_of_pass(height: f64) -> f64 {
+    // A place beyond the portal is as far as its plane, and at most √3 times as far as along the axis of its face.
+    let nearest = (-height).max(0.0) / 3f64.sqrt();
+    let exponent = (nearest / 2.0).log2().floor();
+    exponent.max(f64::from(*NEAR.start())).exp2()
 }
 
 /// The five views of a pass, in slot and layer 0.
@@ -129,13 +140,14 @@ pub fn pass_views(geometry: &Geometry, upload: &Upload, pass: &Pass<'_>, resolut
     let mut views = views(geometry, upload, &hemicube, resolution, at);
     let [x, y, z] = pass.axes;
     let height = pass.normal.dot(pass.origin) - pass.offset;
+    #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
+    let narrow = |x: f64| (x as f32).to_bits();
     for words in &mut views {
-        words[PORTAL - 3] = u32::from(x.cross(y).dot(z) < 0.0);
+        words[NEAR_WORD] = narrow(near_of_pass(height));
+        words[NEAR_WORD + 1] = u32::from(x.cross(y).dot(z) < 0.0);
         let plane = pass.normal.to_array().into_iter().chain([height]);
         for (word, x) in words[PORTAL..].iter_mut().zip(plane) {
-            #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
-            let narrow = x as f32;
-            *word = narrow.to_bits();
+            *word = narrow(x);
         }
     }
     views

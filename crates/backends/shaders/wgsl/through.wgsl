@@ -15,7 +15,8 @@ fn through(
 ) -> CornerBeyond {
     let r = relative(view, high, low);
     let height = view.portal.x * r.x + view.portal.y * r.y + view.portal.z * r.z + view.portal.w;
-    // A point in the plane but for rounding is put there: the portal itself is not seen.
+    // A point in the plane but for rounding is put there: the portal itself is not seen. The sum of three is at most
+    // √3 times the distance: within HEIGHT_SLACK of the contract.
     let snap = view.tolerance + (abs(r.x) + abs(r.y) + abs(r.z)) * 9.5367431640625e-7;
     return CornerBeyond(clip_position(view, high, low), patches, select(height, 0.0, abs(height) <= snap));
 }

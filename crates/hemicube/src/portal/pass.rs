@@ -102,7 +102,11 @@ fn by_device<const N: usize>(
     }
     let mut open = vec![0u32; pixel_count(resolution) / 32];
     for pixel in &pass.pixels {
-        if bands.iter().zip(pixel.weights).any(|(&is_drawn, weight)| is_drawn && (N == 1 || weight > 0)) {
+        if bands
+            .iter()
+            .zip(pixel.weights)
+            .any(|(&is_drawn, weight)| is_drawn && (N == 1 || weight > 0))
+        {
             let place = pixel.place(resolution);
             open[place / 32] |= 1 << (place % 32);
         }
