@@ -342,7 +342,7 @@ impl Scene {
         }
     }
 
-    pub(crate) fn draw_list(&self, entered: &Entered<'_>, list: &[u32]) {
+    fn draw_list(&self, entered: &Entered<'_>, list: &[u32]) {
         let (mut firsts, mut counts): (Vec<usize>, Vec<i32>) = (Vec::new(), Vec::new());
         let mut end = u32::MAX;
         for &chunk in list {

@@ -42,3 +42,19 @@ fn identify_through(
     let id = select(patches.y, patches.x, front != (view.mirrored == 1u));
     return SeenBeyond(id, select(position.z, position.z * BACK, id == settings.patch_count));
 }
+
+@group(1) @binding(25) var<storage, read> first_depths: array<f32>;
+
+@vertex
+fn every_pixel(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
+    // One triangle over the whole image.
+    let x = select(-1.0, 3.0, corner == 1u);
+    let y = select(-1.0, 3.0, corner == 2u);
+    return vec4<f32>(x, y, 0.5, 1.0);
+}
+
+@fragment
+fn preset_depths(@builtin(position) position: vec4<f32>) -> @builtin(frag_depth) f32 {
+    let at = vec2<u32>(position.xy);
+    return first_depths[at.y * settings.resolution + at.x];
+}
