@@ -67,11 +67,7 @@ fn follows_mirrors(name: &str) {
         .and_then(Path::to_str)
         .expect("a folder in UTF-8")
         .to_owned();
-    let by_pixels = if name == "gl" {
-        "through mirrors and panes where passes are large"
-    } else {
-        FOLLOWED
-    };
+    let by_pixels = "through mirrors and panes where passes are large";
     for (settings, most, said) in [
         ("--correction pixel --resolution 128", 0.01, by_pixels),
         ("--correction area", 2e-3, FOLLOWED),
