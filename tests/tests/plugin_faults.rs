@@ -3,6 +3,7 @@
 //!
 //! Tries faults that end the process which loads a plugin, in processes of the program's own.
 
+use glam::DVec3;
 use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::row::RowBlock;
 use hemicube_host::{LoadError, LoadedBackend, OpenError, file_name};
@@ -227,6 +228,27 @@ fn fault_04_truncated_table() {
         refused(&bad_table(&place, &["FAULT_SIZE=16"])),
         LoadError::Truncated { found: 16 }
     );
+}
+
+#[test]
+fn a_table_of_the_first_version_is_loaded_and_draws_no_passes() {
+    let place = folder();
+    let path = bad_table(&place, &["FAULT_SIZE=80", "OLD", "FAULT_PASS=behind"]);
+    let model = model(hemicube_scene::generate::cornell_box(), Subdivision::None);
+    let mut old = session(&path, &[]);
+    assert!(!old.info().capabilities.passes && old.info().capabilities.items);
+    old.load(model.geometry(), settings(RESOLUTION)).expect("a small scene");
+    let open = vec![u32::MAX; hemicube::face::pixel_count(RESOLUTION) / 32];
+    let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
+    let pass = hemicube::backend::Pass {
+        origin: DVec3::ZERO,
+        axes: [x, y, z],
+        normal: z,
+        offset: 0.1,
+        open: &open,
+    };
+    let refused = old.pass(&pass);
+    assert!(matches!(refused, Err(BackendError::Unsupported(_))), "{refused:?}");
 }
 
 #[test]

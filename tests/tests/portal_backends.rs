@@ -1,5 +1,6 @@
-//! Mirrors over backends on a device: the plugin draws the first pass and hands out item buffers, the processor follows
-//! what is seen through portals. Rows are those of the CPU backend within the noise of pixels.
+//! Mirrors over backends on a device: the plugin draws the first pass and hands out item buffers; large passes through
+//! portals are drawn by plugins that can, all else is followed on the processor. Rows are those of the CPU backend
+//! within the noise of pixels.
 
 #![cfg(unix)]
 
@@ -42,6 +43,8 @@ f 9 12 11
 ";
 const OPTICS: &str = "[object.m]\nspecular = 0.8\n[object.pane]\nspecular = 0.1\ntransmittance = 0.7\n";
 
+const FOLLOWED: &str = "through mirrors and panes is followed on the processor";
+
 fn all(place: &Place, store: &str) -> Entries {
     entries(&place.path(store), 0..u32::MAX, |column| column)
 }
@@ -64,9 +67,10 @@ fn follows_mirrors(name: &str) {
         .and_then(Path::to_str)
         .expect("a folder in UTF-8")
         .to_owned();
-    for (settings, most) in [
-        ("--correction pixel --resolution 128", 0.01),
-        ("--correction area", 2e-3),
+    let by_pixels = "through mirrors and panes where passes are large";
+    for (settings, most, said) in [
+        ("--correction pixel --resolution 128", 0.01, by_pixels),
+        ("--correction area", 2e-3, FOLLOWED),
     ] {
         let line = format!("compute room.obj --overwrite --split 2 --specular optics.toml {settings}");
         place.line(&format!("{line} -o cpu")).is(0);
@@ -75,7 +79,7 @@ fn follows_mirrors(name: &str) {
                 "{line} -o device --backend {name} --backend-dir {folder} --threads 1"
             ))
             .is(0)
-            .says(&["through mirrors and panes is followed on the processor"]);
+            .says(&[said]);
         let report = place.line("check device --json").is(0).json();
         assert_eq!(report["ok"], true, "{report}");
         let [device, cpu] = ["device", "cpu"].map(|store| all(&place, store));

@@ -34,6 +34,10 @@
 #define FAULT_CLOSE close
 #endif
 
+#ifndef FAULT_PASS
+#define FAULT_PASS NULL
+#endif
+
 #ifdef NO_DEVICE
 static HcStatus no_device(HcDevice *out, uint32_t capacity, uint32_t *count, HcError *error) {
     (void)out, (void)capacity, (void)error;
@@ -47,6 +51,14 @@ static HcStatus no_driver(HcDevice *out, uint32_t capacity, uint32_t *count, HcE
     (void)out, (void)capacity, (void)count;
     strcpy(error->message, "no driver is installed");
     return HC_ERROR_UNSUPPORTED;
+}
+#endif
+
+#ifdef OLD
+/* What is behind the end of an old table is not the host's to read. */
+static HcStatus behind(HcSession *session, const HcPass *pass, uint32_t *items, HcError *error) {
+    (void)session, (void)pass, (void)items, (void)error;
+    abort();
 }
 #endif
 
@@ -66,6 +78,6 @@ static HcStatus a_gpu(HcDevice *out, uint32_t capacity, uint32_t *count, HcError
 #ifndef NO_SYMBOL
 extern HC_EXPORT const HcBackend hemicube_backend;
 HC_EXPORT const HcBackend hemicube_backend = {
-    FAULT_ABI, FAULT_SIZE, FAULT_NAME, FAULT_VERSION, FAULT_DEVICES, FAULT_OPEN, NULL, FAULT_LOAD, FAULT_ROWS, FAULT_ITEMS, FAULT_CLOSE,
+    FAULT_ABI, FAULT_SIZE, FAULT_NAME, FAULT_VERSION, FAULT_DEVICES, FAULT_OPEN, NULL, FAULT_LOAD, FAULT_ROWS, FAULT_ITEMS, FAULT_CLOSE, FAULT_PASS,
 };
 #endif

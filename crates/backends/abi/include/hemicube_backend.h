@@ -106,6 +106,11 @@ typedef struct HcSession HcSession;
 #define HC_CAN_LOSSLESS_CULLING 8
 
 /*
+ `pass` works.
+ */
+#define HC_CAN_PASSES 16
+
+/*
  A device of none of the kinds below.
  */
 #define HC_DEVICE_OTHER 0
@@ -565,12 +570,53 @@ typedef struct HcRows {
 } HcRows;
 
 /*
+ The view through a mirror or a pane, in the pixels of a hemicube that show it.
+ */
+typedef struct HcPass {
+  /*
+   Bytes of this struct.
+   */
+  uint32_t struct_size;
+  /*
+   Zero.
+   */
+  uint32_t reserved;
+  /*
+   The eye: behind a mirror the hemicube's, reflected.
+   */
+  double origin[3];
+  /*
+   Tangent, bitangent and normal, orthonormal; left-handed behind a mirror. Fronts stay fronts.
+   */
+  double axes[9];
+  /*
+   Normal of the portal's plane, of unit length.
+   */
+  double normal[3];
+  /*
+   Only points p with normal · p > `offset` are seen.
+   */
+  double offset;
+  /*
+   Number of words of `open`: 3 N² / 32.
+   */
+  uint64_t word_count;
+  /*
+   A bit for each pixel of the atlas, from the lowest of the first word on: 1 where it is open.
+   */
+  const uint32_t *open;
+} HcPass;
+
+/*
  The table: the one export of a plugin, under the name `hemicube_backend`.
 
  [any-thread]: may be called at any time from any thread, also at once. [session-thread]: never two calls at once
  with one session, but the next may come from another thread; different sessions may be called at once. State bound
  to a thread, such as a GL context, is therefore made current when a call begins and released when it ends. The host
  holds no lock during a call. Nothing may unwind out of a function. The image is never unloaded.
+
+ The first version ended at `close`, and such a table stays valid: a host takes entries beyond `struct_size` for
+ NULL.
  */
 typedef struct HcBackend {
   /*
@@ -631,6 +677,11 @@ typedef struct HcBackend {
    Ends a session, whatever state it is in. [session-thread]
    */
   void (*close)(HcSession *session);
+  /*
+   Writes what each open pixel of a pass shows, as `items` does; closed pixels may hold anything. NULL, or not
+   there, without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
+   */
+  HcStatus (*pass)(HcSession *session, const struct HcPass *pass, uint32_t *items, struct HcError *error);
 } HcBackend;
 
 #endif  /* HEMICUBE_BACKEND_H */

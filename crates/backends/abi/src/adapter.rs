@@ -5,13 +5,13 @@ use crate::plugin::{Device, Log, Plugin, capabilities_to_raw};
 use crate::types::{
     HC_ABI_VERSION, HC_ERROR_DEVICE_LOST, HC_ERROR_INTERNAL, HC_ERROR_INVALID_ARGUMENT, HC_ERROR_OUT_OF_MEMORY,
     HC_ERROR_PANIC, HC_ERROR_UNSUPPORTED, HC_NO_NODE, HC_NO_PATCH, HC_OK, HcBackend, HcCounters, HcDevice, HcError,
-    HcHemicube, HcHost, HcNode, HcRows, HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
+    HcHemicube, HcHost, HcNode, HcPass, HcRows, HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
 };
 use core::ffi::{CStr, c_char};
 use glam::DVec3;
 use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{
-    BackendError, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes, Surface,
+    BackendError, Culling, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes, Surface,
 };
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::pixel_count;
@@ -54,6 +54,7 @@ pub const fn table<P: Plugin>() -> HcBackend {
         rows: Some(rows::<P>),
         items: Some(items::<P>),
         close: Some(close::<P>),
+        pass: Some(pass::<P>),
     }
 }
 
@@ -556,6 +557,51 @@ unsafe extern "C" fn items<P: Plugin>(
             };
             let items = open.session.items(&hemicube(raw, loaded.patch_count)?)?;
             let wanted = pixel_count(loaded.settings.resolution);
+            if items.seen.len() != wanted {
+                return Err(BackendError::Internal(format!(
+                    "an item buffer of {} pixels where {wanted} are due",
+                    items.seen.len()
+                )));
+            }
+            slice_mut(out, wanted)?.copy_from_slice(&items.seen);
+            Ok(())
+        })
+    }
+}
+
+unsafe extern "C" fn pass<P: Plugin>(
+    session: *mut HcSession,
+    raw: *const HcPass,
+    out: *mut u32,
+    error: *mut HcError,
+) -> HcStatus {
+    // SAFETY: the host's pointers, by the ABI: a session of this plugin, a pass with a mask of the length given there,
+    // room for an atlas, an error or NULL.
+    unsafe {
+        answer_session::<P>(session, error, |open| {
+            let Some(loaded) = &open.loaded else {
+                return not_loaded();
+            };
+            let raw = sized(raw, "the pass")?;
+            let resolution = loaded.settings.resolution;
+            let wanted = pixel_count(resolution);
+            if count(raw.word_count)? != wanted / 32 {
+                return invalid(format!(
+                    "the mask of a pass has {} words where {} are due",
+                    raw.word_count,
+                    wanted / 32
+                ));
+            }
+            let a = &raw.axes;
+            let pass = Pass {
+                origin: raw.origin.into(),
+                axes: [0, 3, 6].map(|k| DVec3::new(a[k], a[k + 1], a[k + 2])),
+                normal: raw.normal.into(),
+                offset: raw.offset,
+                open: slice(raw.open, wanted / 32)?,
+            };
+            pass.check(resolution)?;
+            let items = open.session.pass(&pass)?;
             if items.seen.len() != wanted {
                 return Err(BackendError::Internal(format!(
                     "an item buffer of {} pixels where {wanted} are due",

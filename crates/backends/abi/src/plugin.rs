@@ -1,7 +1,7 @@
 //! The author's side: the trait of a backend in Rust.
 
 use crate::types::{
-    HC_CAN_COVERED, HC_CAN_ITEMS, HC_CAN_LOSSLESS_CULLING, HC_CAN_TINY_PATCHES, HC_DEVICE_DISCRETE_GPU,
+    HC_CAN_COVERED, HC_CAN_ITEMS, HC_CAN_LOSSLESS_CULLING, HC_CAN_PASSES, HC_CAN_TINY_PATCHES, HC_DEVICE_DISCRETE_GPU,
     HC_DEVICE_INTEGRATED_GPU, HC_DEVICE_OTHER, HC_DEVICE_SOFTWARE, HC_DEVICE_VIRTUAL_GPU, HC_LOG_DEBUG, HC_LOG_ERROR,
     HC_LOG_INFO, HC_LOG_WARN, HcHost,
 };
@@ -91,6 +91,7 @@ pub fn capabilities_to_raw(can: Capabilities) -> u64 {
         (can.tiny_patches, HC_CAN_TINY_PATCHES),
         (can.items, HC_CAN_ITEMS),
         (can.lossless_culling, HC_CAN_LOSSLESS_CULLING),
+        (can.passes, HC_CAN_PASSES),
     ]
     .into_iter()
     .fold(0, |bits, (can, bit)| if can { bits | bit } else { bits })
@@ -103,6 +104,7 @@ pub fn capabilities_from_raw(bits: u64) -> Capabilities {
         tiny_patches: bits & HC_CAN_TINY_PATCHES != 0,
         items: bits & HC_CAN_ITEMS != 0,
         lossless_culling: bits & HC_CAN_LOSSLESS_CULLING != 0,
+        passes: bits & HC_CAN_PASSES != 0,
     }
 }
 

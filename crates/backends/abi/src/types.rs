@@ -47,6 +47,8 @@ pub const HC_CAN_TINY_PATCHES: u64 = 2;
 pub const HC_CAN_ITEMS: u64 = 4;
 /// Rows with culling on and off are the same bits.
 pub const HC_CAN_LOSSLESS_CULLING: u64 = 8;
+/// `pass` works.
+pub const HC_CAN_PASSES: u64 = 16;
 
 /// A device of none of the kinds below.
 pub const HC_DEVICE_OTHER: u32 = 0;
@@ -249,6 +251,28 @@ pub struct HcHemicube {
     pub axes: [f64; 9],
 }
 
+/// The view through a mirror or a pane, in the pixels of a hemicube that show it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct HcPass {
+    /// Bytes of this struct.
+    pub struct_size: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// The eye: behind a mirror the hemicube's, reflected.
+    pub origin: [f64; 3],
+    /// Tangent, bitangent and normal, orthonormal; left-handed behind a mirror. Fronts stay fronts.
+    pub axes: [f64; 9],
+    /// Normal of the portal's plane, of unit length.
+    pub normal: [f64; 3],
+    /// Only points p with normal · p > `offset` are seen.
+    pub offset: f64,
+    /// Number of words of `open`: 3 N² / 32.
+    pub word_count: u64,
+    /// A bit for each pixel of the atlas, from the lowest of the first word on: 1 where it is open.
+    pub open: *const u32,
+}
+
 /// Counters of a call. Zeroed by the host; a 0 counts for none.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -331,6 +355,9 @@ pub struct HcRows {
 /// with one session, but the next may come from another thread; different sessions may be called at once. State bound
 /// to a thread, such as a GL context, is therefore made current when a call begins and released when it ends. The host
 /// holds no lock during a call. Nothing may unwind out of a function. The image is never unloaded.
+///
+/// The first version ended at `close`, and such a table stays valid: a host takes entries beyond `struct_size` for
+/// NULL.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcBackend {
@@ -386,7 +413,20 @@ pub struct HcBackend {
     >,
     /// Ends a session, whatever state it is in. [session-thread]
     pub close: Option<unsafe extern "C" fn(session: *mut HcSession)>,
+    /// Writes what each open pixel of a pass shows, as `items` does; closed pixels may hold anything. NULL, or not
+    /// there, without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
+    pub pass: Option<
+        unsafe extern "C" fn(
+            session: *mut HcSession,
+            pass: *const HcPass,
+            items: *mut u32,
+            error: *mut HcError,
+        ) -> HcStatus,
+    >,
 }
+
+/// Bytes of the smallest table: that of the first version, which ended at `close`.
+pub const TABLE_MIN: usize = core::mem::offset_of!(HcBackend, pass);
 
 // SAFETY: the table is read only, and what it points to lives as long as the image, which is never unloaded.
 unsafe impl Sync for HcBackend {}
@@ -410,5 +450,7 @@ const _: () = {
     assert!(size_of::<HcCounters>() == 128);
     assert!(size_of::<HcStageTimes>() == 64);
     assert!(size_of::<HcRows>() == 264);
-    assert!(size_of::<HcBackend>() == 80);
+    assert!(size_of::<HcPass>() == 152);
+    assert!(TABLE_MIN == 80);
+    assert!(size_of::<HcBackend>() == 88);
 };

@@ -4,6 +4,7 @@ use crate::compare::{
     Verdict, bytes_bounded, counted, culled, emitter_unseen, pixels_near, rows_near, same_reduction, same_rows,
     tiny_count, tiny_found, unoccluded,
 };
+use crate::passes::near_rays;
 use crate::scenes::TestScene;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
@@ -50,12 +51,14 @@ pub enum Check {
     Tiny,
     /// Rows and pixels are near the reference's.
     Reference,
+    /// What is seen through portals is what rays meet, in open pixels only.
+    Passes,
     /// Requests against the contract are refused, and the session stays usable.
     Refusals,
 }
 
 impl Check {
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 12] = [
         Self::Contract,
         Self::Batches,
         Self::Repeat,
@@ -66,6 +69,7 @@ impl Check {
         Self::Unoccluded,
         Self::Tiny,
         Self::Reference,
+        Self::Passes,
         Self::Refusals,
     ];
 
@@ -81,6 +85,7 @@ impl Check {
             Self::Unoccluded => "unoccluded",
             Self::Tiny => "tiny",
             Self::Reference => "reference",
+            Self::Passes => "passes",
             Self::Refusals => "refusals",
         }
     }
@@ -92,6 +97,10 @@ impl Check {
             Self::Bytes => matches!(scene, TestScene::Room | TestScene::Towers),
             Self::Unoccluded => scene == TestScene::EmptyRoom,
             Self::Tiny => scene == TestScene::Towers,
+            Self::Passes => matches!(
+                scene,
+                TestScene::Room | TestScene::Spheres | TestScene::Plates | TestScene::Soup
+            ),
             Self::Refusals => scene == TestScene::Room,
             _ => true,
         }
@@ -274,6 +283,14 @@ impl Subject<'_> {
                 held(tiny_found(&self.all(settings)?.0, &wanted)?)
             }
             Check::Reference => self.near(reference),
+            Check::Passes => {
+                if !can.passes {
+                    return not_claimed("passes through portals");
+                }
+                self.load(settings)?;
+                let (model, hemicubes) = (self.model, self.hemicubes);
+                held(near_rays(self.backend, model, hemicubes, RESOLUTION)?)
+            }
             Check::Refusals => held(self.refusals(settings)?),
         }
     }

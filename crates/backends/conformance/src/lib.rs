@@ -17,6 +17,7 @@
 
 mod cases;
 pub mod compare;
+mod passes;
 pub mod scenes;
 
 pub use cases::{Case, Check, Outcome, cases, run};

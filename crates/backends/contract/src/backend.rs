@@ -231,6 +231,62 @@ impl Hemicube {
     }
 }
 
+/// Height over a portal's plane that a backend may take for none, in parts of the distance from the eye: besides the
+/// geometry's `plane_tolerance`, and above the rounding of f32.
+pub const HEIGHT_SLACK: f64 = 2e-6;
+
+/// A pass: the view through a portal, in the pixels that show the portal. Normalised coordinates.
+///
+/// Behind a mirror the eye and the axes are a hemicube's, reflected; behind a pane they are the hemicube's own. Of a
+/// surface with no corner more than the geometry's `plane_tolerance` above the portal's plane nothing is seen: the
+/// portal itself is one. All others are cut by the plane, where heights up to [`HEIGHT_SLACK`] may count as none.
+#[derive(Clone, Copy, Debug)]
+pub struct Pass<'a> {
+    /// The eye.
+    pub origin: DVec3,
+    /// Tangent, bitangent, normal: orthonormal, of either hand.
+    pub axes: [DVec3; 3],
+    /// The portal's plane, of unit length, looking where the view goes on: only points p with `normal` · p > `offset`
+    /// are seen.
+    pub normal: DVec3,
+    /// See `normal`.
+    pub offset: f64,
+    /// A bit for each pixel of the atlas ([`crate::face`]), from the lowest of the first word on: set where it is open.
+    pub open: &'a [u32],
+}
+
+impl Pass<'_> {
+    /// Refuses a mask of another length, and what is not finite, of unit length or at right angles. Every backend asks
+    /// this before it renders.
+    ///
+    /// # Errors
+    /// [`BackendError::InvalidArgument`], saying what is wrong.
+    pub fn check(&self, resolution: u32) -> Result<(), BackendError> {
+        let [x, y, z] = self.axes;
+        let lengths = [x, y, z, self.normal].map(|v| v.length_squared() - 1.0);
+        let products = [x.dot(y), y.dot(z), z.dot(x)];
+        // A sum that is not a number is refused, too.
+        let is_off = |value: &f64| !(value.abs() <= 1e-6);
+        let wanted = crate::face::pixel_count(resolution) / 32;
+        let wrong = if lengths.iter().chain(&products).any(is_off) {
+            "the axes of a pass are not orthonormal, or its plane's normal is not of unit length".to_owned()
+        } else if !(self.origin.is_finite() && self.offset.is_finite()) {
+            "the eye of a pass or its plane is not finite".to_owned()
+        } else if self.open.len() != wanted {
+            let found = self.open.len();
+            format!("the mask of a pass has {found} words where {wanted} are due at resolution {resolution}")
+        } else {
+            return Ok(());
+        };
+        Err(BackendError::InvalidArgument(wrong))
+    }
+
+    /// Returns whether a pixel is open, by its place in the atlas.
+    pub fn is_open(&self, pixel: usize) -> bool {
+        self.open[pixel / 32] >> (pixel % 32) & 1 == 1
+    }
+}
+
 /// The choice to skip invisible subtrees. Rows are equal to the bit either way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culling {
@@ -281,6 +337,8 @@ pub struct Capabilities {
     pub items: bool,
     /// Rows with culling on and off are the same bits.
     pub lossless_culling: bool,
+    /// [`HemicubeBackend::pass`] works.
+    pub passes: bool,
 }
 
 /// The identity of a backend.
@@ -423,6 +481,20 @@ pub trait HemicubeBackend: Send {
         let _ = hemicube;
         Err(BackendError::Unsupported(format!(
             "backend `{}` does not hand out item buffers",
+            self.info().name
+        )))
+    }
+
+    /// Renders a pass: for each open pixel what it shows, as [`Self::items`] does, and
+    /// [`Items::ESCAPED`](crate::face::Items::ESCAPED) for all others.
+    ///
+    /// # Errors
+    /// When nothing is loaded, the pass is against the contract ([`Pass::check`]), or the device fails;
+    /// [`BackendError::Unsupported`] without the capability.
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<crate::face::Items, BackendError> {
+        let _ = pass;
+        Err(BackendError::Unsupported(format!(
+            "backend `{}` does not draw what is seen through portals",
             self.info().name
         )))
     }

@@ -271,6 +271,7 @@ impl CpuBackend {
                     tiny_patches: true,
                     items: true,
                     lossless_culling: true,
+                    passes: false,
                 },
                 preferred_rows: 16,
             },

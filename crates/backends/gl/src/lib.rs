@@ -15,6 +15,7 @@ mod cull;
 mod device;
 mod hierarchy;
 mod options;
+mod pass;
 mod reduce;
 mod render;
 mod upload;
@@ -22,7 +23,8 @@ mod upload;
 use device::Device;
 use hemicube_abi::{Log, Plugin};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings,
+    StageTimes,
 };
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
@@ -68,6 +70,7 @@ fn capabilities(dense: bool) -> Capabilities {
     Capabilities {
         covered: !dense,
         tiny_patches: !dense,
+        passes: !dense,
         ..CAPABILITIES
     }
 }
@@ -225,6 +228,22 @@ impl HemicubeBackend for Session {
             .device
             .enter()
             .and_then(|entered| scene.items(&entered, &self.programs, hemicube));
+        self.note(result)
+    }
+
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        self.usable()?;
+        let scene = self.scene.as_ref().ok_or_else(not_loaded)?;
+        if !self.info.capabilities.passes {
+            return Err(BackendError::Unsupported(
+                "the baselines draw no passes through portals: leave out the option `baseline`".to_owned(),
+            ));
+        }
+        pass.check(scene.settings.resolution)?;
+        let result = self
+            .device
+            .enter()
+            .and_then(|entered| scene.pass(&entered, &self.programs, pass));
         self.note(result)
     }
 }

@@ -265,7 +265,6 @@ impl Scene {
         programs: &Programs,
         hemicube: &Hemicube,
     ) -> Result<Items, BackendError> {
-        let gl = entered.gl;
         let group = Group {
             hemicubes: std::slice::from_ref(hemicube),
             first_slot: 0,
@@ -273,6 +272,12 @@ impl Scene {
         };
         self.begin(entered, group.hemicubes, group.half);
         self.carry_out(entered, programs, group, Goal::Items, &mut Counters::default())?;
+        self.read_items(entered)
+    }
+
+    /// Reads the item buffer of the first layer.
+    pub(crate) fn read_items(&self, entered: &Entered<'_>) -> Result<Items, BackendError> {
+        let gl = entered.gl;
         let n = self.settings.resolution;
         let mut bytes = vec![0u8; 12 * n as usize * n as usize];
         let [width, height] = [n, 3 * n].map(|k| i32::try_from(k).unwrap_or(i32::MAX));

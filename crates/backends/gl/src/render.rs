@@ -28,6 +28,8 @@ pub(crate) struct Programs {
     depths: [glow::Program; 2],
     ids: [glow::Program; 2],
     pub(crate) cover: glow::Program,
+    /// Ids of what is seen through a portal.
+    pub(crate) through: glow::Program,
     /// Boxes of nodes, for queries and for marks.
     pub(crate) boxes: glow::Program,
     pub(crate) marks: glow::Program,
@@ -60,6 +62,7 @@ impl Programs {
             ],
             boxes: drawing("boxes", include_str!("glsl/box.vert"), depth)?,
             marks: drawing("marks", include_str!("glsl/box.vert"), include_str!("glsl/mark.frag"))?,
+            through: drawing("through", stage::THROUGH.glsl, stage::IDENTIFY_THROUGH.glsl)?,
             cover: drawing("cover", stage::COVER.glsl, stage::ADD_HIDDEN.glsl)?,
             compute: compute.collect::<Result<_, BackendError>>()?,
         })

@@ -216,6 +216,7 @@ pub(crate) struct Store {
     pub(crate) draw_counts: glow::Buffer,
     /// By layer: ids with depths, and depths alone.
     pub(crate) framebuffers: Vec<[glow::Framebuffer; 2]>,
+    pub(crate) depths: glow::Texture,
     pub(crate) vertices: glow::VertexArray,
     pub(crate) no_vertices: glow::VertexArray,
 }
@@ -274,6 +275,7 @@ impl Store {
             views,
             output,
             framebuffers,
+            depths,
             vertices,
             no_vertices,
             visible: named(binding::VISIBLE)?,

@@ -2,7 +2,7 @@
 
 use crate::Device;
 use crate::loaded::{Answer, Guarded};
-use hemicube_abi::types::{HC_ABI_VERSION, HcBackend, HcDevice, HcHost, SYMBOL};
+use hemicube_abi::types::{HC_ABI_VERSION, HcBackend, HcDevice, HcHost, SYMBOL, TABLE_MIN};
 use hemicube_abi::{DeviceKind, capabilities_from_raw};
 use hemicube_contract::backend::BackendError;
 use std::ffi::{CStr, c_char, c_void};
@@ -49,7 +49,7 @@ pub enum LoadError {
         found: u32,
     },
     /// Its table is smaller than any of this version is.
-    #[error("truncated table: it says {found} bytes, ABI {HC_ABI_VERSION} has at least {}", size_of::<HcBackend>())]
+    #[error("truncated table: it says {found} bytes, ABI {HC_ABI_VERSION} has at least {TABLE_MIN}")]
     Truncated {
         /// Its message.
         found: u32,
@@ -91,7 +91,7 @@ pub enum LoadError {
 /// ```
 #[derive(Debug)]
 pub struct Library {
-    table: &'static HcBackend,
+    table: HcBackend,
     path: PathBuf,
     name: String,
     version: String,
@@ -126,11 +126,17 @@ impl Library {
         if abi_version != HC_ABI_VERSION {
             return Err(LoadError::Abi { found: abi_version });
         }
-        if (struct_size as usize) < size_of::<HcBackend>() {
+        if (struct_size as usize) < TABLE_MIN {
             return Err(LoadError::Truncated { found: struct_size });
         }
-        // SAFETY: it says to be a table of this version, as large as this one at least, and it is never unloaded.
-        let table = unsafe { &*address };
+        // SAFETY: it says to be a table of this version and of so many bytes, and it is never unloaded. What is beyond
+        // its end stays zero, which is NULL in a table of pointers and numbers.
+        let table = unsafe {
+            let mut table = std::mem::MaybeUninit::<HcBackend>::zeroed();
+            let bytes = (struct_size as usize).min(size_of::<HcBackend>());
+            std::ptr::copy_nonoverlapping(address.cast::<u8>(), table.as_mut_ptr().cast::<u8>(), bytes);
+            table.assume_init()
+        };
         for (name, missing) in [
             ("devices", table.devices.is_none()),
             ("open", table.open.is_none()),
@@ -194,7 +200,7 @@ impl Library {
         &self.path
     }
 
-    pub(crate) fn table(&self) -> &'static HcBackend {
+    pub(crate) fn table(&self) -> HcBackend {
         self.table
     }
 

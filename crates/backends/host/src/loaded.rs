@@ -4,17 +4,18 @@
 use crate::load::{Library, until_nul};
 use hemicube_abi::types::{
     HC_ERROR_DEVICE_LOST, HC_ERROR_INTERNAL, HC_ERROR_INVALID_ARGUMENT, HC_ERROR_OUT_OF_MEMORY, HC_ERROR_PANIC,
-    HC_ERROR_UNSUPPORTED, HC_NO_NODE, HC_NO_PATCH, HC_OK, HcCounters, HcError, HcHemicube, HcNode, HcRows, HcScene,
-    HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
+    HC_ERROR_UNSUPPORTED, HC_NO_NODE, HC_NO_PATCH, HC_OK, HcCounters, HcError, HcHemicube, HcNode, HcPass, HcRows,
+    HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
 };
 use hemicube_abi::{CHOICES_SIZE, Device, capabilities_from_raw};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes,
 };
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::outline::Outlines;
 use hemicube_contract::row::RowBlock;
+use hemicube_spatial::glam::DVec3;
 use std::ffi::{CString, c_char};
 use std::hash::{BuildHasher, Hasher};
 use std::io::Write;
@@ -368,6 +369,9 @@ impl LoadedBackend {
         if self.info.capabilities.items && self.library.table().items.is_none() {
             return Err(self.defect("it claims item buffers, but its table has no `items`".to_owned()));
         }
+        if self.info.capabilities.passes && self.library.table().pass.is_none() {
+            return Err(self.defect("it claims passes through portals, but its table has no `pass`".to_owned()));
+        }
         Ok(())
     }
 
@@ -400,6 +404,18 @@ impl LoadedBackend {
         self.ask_info()?;
         self.loaded = Some(loaded);
         Ok(())
+    }
+
+    /// Refuses items that are no patch of the scene.
+    fn judged(&mut self, items: Items, patch_count: u32) -> Result<Items, BackendError> {
+        let legal = |&item: &u32| item < patch_count || item == Items::BLOCKED || item == Items::ESCAPED;
+        match items.seen.iter().position(|item| !legal(item)) {
+            None => Ok(items),
+            Some(place) => Err(self.defect(format!(
+                "pixel {place} shows patch {} of a scene of {patch_count} patches",
+                items.seen[place]
+            ))),
+        }
     }
 
     fn loaded(&self) -> Result<&Loaded, BackendError> {
@@ -595,15 +611,42 @@ impl HemicubeBackend for LoadedBackend {
         self.items.check(&self.library, "items", "items");
         result?;
         let seen = self.items.written(pixels).to_vec();
-        let legal = |&item: &u32| item < patch_count || item == Items::BLOCKED || item == Items::ESCAPED;
-        if let Some(place) = seen.iter().position(|item| !legal(item)) {
-            let wrong = format!(
-                "pixel {place} shows patch {} of a scene of {patch_count} patches",
-                seen[place]
-            );
-            return Err(self.defect(wrong));
-        }
-        Ok(Items { resolution, seen })
+        self.judged(Items { resolution, seen }, patch_count)
+    }
+
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        let loaded = self.loaded()?;
+        let (patch_count, resolution) = (loaded.geometry.patch_count, loaded.settings.resolution);
+        pass.check(resolution)?;
+        let Some(draw) = self.library.table().pass.filter(|_| self.info.capabilities.passes) else {
+            return Err(BackendError::Unsupported(format!(
+                "backend `{}` does not draw what is seen through portals",
+                self.info.name
+            )));
+        };
+        #[allow(clippy::cast_possible_truncation, reason = "some dozens of bytes")]
+        let raw = HcPass {
+            struct_size: size_of::<HcPass>() as u32,
+            reserved: 0,
+            origin: pass.origin.to_array(),
+            axes: raw_axes(&pass.axes),
+            normal: pass.normal.to_array(),
+            offset: pass.offset,
+            word_count: pass.open.len() as u64,
+            open: pass.open.as_ptr(),
+        };
+        let pixels = pixel_count(resolution);
+        let out = self.items.prepare(pixels);
+        // SAFETY: a function of the table, with its own session; the mask is as long as the pass says, and there is
+        // room for the whole atlas.
+        let call = |session, error| unsafe { draw(session, &raw const raw, out, error) };
+        let result = self.call("pass", Box::new(call));
+        self.items.check(&self.library, "items", "pass");
+        result?;
+        let written = self.items.written(pixels).iter().enumerate();
+        let seen = written.map(|(pixel, &item)| if pass.is_open(pixel) { item } else { Items::ESCAPED });
+        let seen = seen.collect();
+        self.judged(Items { resolution, seen }, patch_count)
     }
 }
 
@@ -613,16 +656,20 @@ fn check_hemicubes(hemicubes: &[Hemicube], patch_count: u32) -> Result<(), Backe
 }
 
 fn raw_hemicube(hemicube: &Hemicube) -> HcHemicube {
-    let mut axes = [0.0; 9];
-    for (to, from) in axes.chunks_exact_mut(3).zip(hemicube.axes) {
-        to.copy_from_slice(&from.to_array());
-    }
     HcHemicube {
         emitter: hemicube.emitter.map_or(HC_NO_PATCH, |patch| patch.0),
         reserved: 0,
         origin: hemicube.origin.to_array(),
-        axes,
+        axes: raw_axes(&hemicube.axes),
     }
+}
+
+fn raw_axes(of: &[DVec3; 3]) -> [f64; 9] {
+    let mut axes = [0.0; 9];
+    for (to, from) in axes.chunks_exact_mut(3).zip(of) {
+        to.copy_from_slice(&from.to_array());
+    }
+    axes
 }
 
 fn append(from: &RowBlock, to: &mut RowBlock) {

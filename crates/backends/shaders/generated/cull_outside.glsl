@@ -21,7 +21,9 @@ struct View {
     vec3 clip_w;
     uint stamp;
     float near;
-    uvec4 unused[7];
+    uint mirrored;
+    vec4 portal;
+    uvec4 unused[6];
 };
 struct Settings {
     uint resolution;
@@ -81,7 +83,7 @@ layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_
 
 layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
 
-layout(std430, binding = 2) readonly buffer type_5_block_2Compute { View _group_1_binding_2_cs[]; };
+layout(std430, binding = 2) readonly buffer type_6_block_2Compute { View _group_1_binding_2_cs[]; };
 
 layout(std430, binding = 3) readonly buffer type_7_block_3Compute { Chunk _group_1_binding_3_cs[]; };
 

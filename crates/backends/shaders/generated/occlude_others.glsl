@@ -17,7 +17,9 @@ struct View {
     vec3 clip_w;
     uint stamp;
     float near;
-    uvec4 unused[7];
+    uint mirrored;
+    vec4 portal;
+    uvec4 unused[6];
 };
 struct Settings {
     uint resolution;

@@ -39,6 +39,7 @@ pub mod chunks;
 pub mod limits;
 pub mod options;
 pub mod output;
+pub mod pass;
 pub mod recording;
 pub mod session;
 pub mod stage;

@@ -19,12 +19,13 @@ pub fn version(edges: Edges) -> String {
     version.to_string_lossy().into_owned()
 }
 
-/// Covered weights, sub-pixel patches, item buffers, and culling invisible in rows.
+/// Covered weights, sub-pixel patches, item buffers, culling invisible in rows, and passes.
 pub const CAPABILITIES: Capabilities = Capabilities {
     covered: true,
     tiny_patches: true,
     items: true,
     lossless_culling: true,
+    passes: true,
 };
 
 /// Hemicubes of a call, for submissions of `batch`: four submissions. One is read back while the next is under way, and

@@ -87,6 +87,19 @@ stages! {
     /// For depths alone, without the emitter.
     OCCLUDE_OTHERS: "render" "occlude_others" Fragment
         reads [] writes [];
+    /// [`RENDER`] with heights above a portal's plane, for [`IDENTIFY_THROUGH`].
+    THROUGH: "through" "through" Vertex
+        reads [] writes [];
+    /// [`IDENTIFY`] of what is seen through a portal.
+    IDENTIFY_THROUGH: "through" "identify_through" Fragment
+        reads [SETTINGS] writes [];
+    /// All pixels of an image, for [`PRESET_DEPTHS`]: three corners.
+    EVERY_PIXEL: "through" "every_pixel" Vertex
+        reads [] writes [];
+    /// The first depths of a pass, [`crate::pass::first_depths`] in [`binding::DEPTH_COPY`], for APIs that cannot copy
+    /// depths into an image.
+    PRESET_DEPTHS: "through" "preset_depths" Fragment
+        reads [SETTINGS DEPTH_COPY] writes [];
     /// Groups: resolution / 16, 3 × resolution / 16, layers.
     PYRAMID_OF: "pyramid" "pyramid_of" Compute
         reads [SETTINGS DEPTHS] writes [PYRAMID];
@@ -189,7 +202,8 @@ pub mod binding {
     pub const OUTPUT: u32 = 23;
     /// Storage: [`crate::Upload::centroids`]; one triangle's for uncovered rows.
     pub const CENTROIDS: u32 = 24;
-    /// Storage: depths, `[layer][pixel]`, for [`PYRAMID_OF_COPY`](super::PYRAMID_OF_COPY).
+    /// Storage: depths, `[layer][pixel]`, for [`PYRAMID_OF_COPY`](super::PYRAMID_OF_COPY) and
+    /// [`PRESET_DEPTHS`](super::PRESET_DEPTHS).
     pub const DEPTH_COPY: u32 = 25;
     /// Storage: a bit for each pixel near an edge, and two counts, `[layer][pixels / 32 + 2]`. Zeroed once.
     pub const NEAR: u32 = 26;

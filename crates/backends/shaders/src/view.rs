@@ -3,7 +3,7 @@
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
 use glam::DVec3;
-use hemicube_contract::backend::{Geometry, Hemicube};
+use hemicube_contract::backend::{Geometry, Hemicube, Pass};
 use hemicube_contract::bvh::distance;
 use hemicube_contract::face::Face;
 use hemicube_spatial::Visit;
@@ -13,6 +13,9 @@ use std::ops::RangeInclusive;
 pub const VIEW_WORDS: usize = 64;
 /// Bytes of a view.
 pub const VIEW_BYTES: u32 = 256;
+/// The words of the near plane's distance, and of a portal's plane.
+const NEAR_WORD: usize = 32;
+const PORTAL: usize = 36;
 /// Faces of a hemicube, and views of a slot.
 pub const FACES: u32 = 5;
 
@@ -107,9 +110,47 @@ pub fn views(
             words[..3].copy_from_slice(three);
             words[3] = *last;
         }
-        words[4 * rows.len()] = narrow(near);
+        words[NEAR_WORD] = narrow(near);
         words
     })
+}
+
+/// The distance of a pass's near plane, for an eye at a height over the portal's plane: a power of two of at most half
+/// the distance, along the axis of any face, at which something may be seen beyond the portal; at least 2⁻³⁰. From a
+/// nearer one, triangles that pass the eye would be clipped to corners whose heights round too coarsely.
+fn near_of_pass(height: f64) -> f64 {
+    // A place beyond the portal is as far as its plane, and at most √3 times as far as along the axis of its face.
+    let nearest = (-height).max(0.0) / 3f64.sqrt();
+    let exponent = (nearest / 2.0).log2().floor();
+    exponent.max(f64::from(*NEAR.start())).exp2()
+}
+
+/// The five views of a pass, in slot and layer 0.
+pub fn pass_views(geometry: &Geometry, upload: &Upload, pass: &Pass<'_>, resolution: u32) -> [[u32; VIEW_WORDS]; 5] {
+    let hemicube = Hemicube {
+        emitter: None,
+        origin: pass.origin,
+        axes: pass.axes,
+    };
+    let at = View {
+        slot: 0,
+        layer: 0,
+        stamp: FIRST_STAMP,
+    };
+    let mut views = views(geometry, upload, &hemicube, resolution, at);
+    let [x, y, z] = pass.axes;
+    let height = pass.normal.dot(pass.origin) - pass.offset;
+    #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
+    let narrow = |x: f64| (x as f32).to_bits();
+    for words in &mut views {
+        words[NEAR_WORD] = narrow(near_of_pass(height));
+        words[NEAR_WORD + 1] = u32::from(x.cross(y).dot(z) < 0.0);
+        let plane = pass.normal.to_array().into_iter().chain([height]);
+        for (word, x) in words[PORTAL..].iter_mut().zip(plane) {
+            *word = narrow(x);
+        }
+    }
+    views
 }
 
 /// The views of a submission, five a slot. The groups' stamps begin at `first_stamp`.

@@ -22,7 +22,11 @@ struct View {
     // Distance of the near plane, in half sides of the scene. Depth is near / w, that of an infinite projection,
     // reversed: f32 then has the same relative precision at every distance, for any value of this.
     near: f32,
-    unused: array<vec4<u32>, 7>,
+    // 1 for left-handed axes: behind a mirror.
+    mirrored: u32,
+    // A portal's plane: normal, and the eye's height above it. Zero without one.
+    portal: vec4<f32>,
+    unused: array<vec4<u32>, 6>,
 }
 
 // Settings of all hemicubes: `settings_words` of src/view.rs.

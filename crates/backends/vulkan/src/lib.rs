@@ -29,13 +29,15 @@ use cull::Judge;
 use device::{Buffer, Gpu, Place};
 use hemicube_abi::{Device, Log, Plugin, export_backend};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, RESOLUTIONS, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RESOLUTIONS, RenderSettings,
+    StageTimes,
 };
 use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{self, HEADER_WORDS, append_rows, entry_words, unculled_triangles};
+use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
-use hemicube_shaders::view::{FIRST_STAMP, stands_on_emitter, submission_views};
+use hemicube_shaders::view::{FIRST_STAMP, pass_views, stands_on_emitter, submission_views};
 use hemicube_shaders::{Cull, Limits, Phase};
 use options::Options;
 use reduce::{MARKS, Stages, Work};
@@ -441,6 +443,36 @@ impl Loaded {
     fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
         self.submit(0, std::slice::from_ref(hemicube))?;
         self.finish(0, &mut RowBlock::default())?;
+        self.read_items()
+    }
+
+    fn pass(&self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        let n = self.settings.resolution;
+        let upload = &self.scene.upload;
+        // No submission is under way.
+        let frame = &self.scene.frames[0];
+        frame
+            .views
+            .write(0, pass_views(&self.geometry, upload, pass, n).as_flattened())?;
+        let depths = Buffer::new(
+            &self.gpu,
+            "the first depths of a pass",
+            pixel_count(n) as u64 * 4,
+            Place::Up,
+            vk::BufferUsageFlags::TRANSFER_SRC,
+        )?;
+        let words: Vec<u32> = first_depths(pass, n).into_iter().map(f32::to_bits).collect();
+        depths.write(0, &words)?;
+        let draws = draws(upload, pass, n);
+        self.gpu.run_once(|commands| {
+            self.stages
+                .record_pass(&self.scene, frame, commands, depths.raw, &draws);
+        })?;
+        self.read_items()
+    }
+
+    /// Reads the item buffer of the first layer.
+    fn read_items(&self) -> Result<Items, BackendError> {
         let n = self.settings.resolution;
         let bytes = pixel_count(n) as u64 * 4;
         let copy = Buffer::new(
@@ -541,6 +573,13 @@ impl HemicubeBackend for Session {
 
     fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
         let done = self.checked(std::slice::from_ref(hemicube))?.items(hemicube);
+        self.settle(done)
+    }
+
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        let loaded = self.checked(&[])?;
+        pass.check(loaded.settings.resolution)?;
+        let done = loaded.pass(pass);
         self.settle(done)
     }
 }

@@ -10,6 +10,7 @@ use crate::upload::{Frame, Scene};
 use ash::vk;
 use ash::vk::{AccessFlags2 as A, PipelineStageFlags2 as P};
 use hemicube_contract::backend::{BackendError, StageTimes};
+use hemicube_shaders::pass::FaceDraw;
 use hemicube_shaders::recording::compute_stages;
 use hemicube_shaders::view::FACES;
 use hemicube_shaders::{Action, Cull, Goal, Phase, Recording};
@@ -144,6 +145,23 @@ impl Stages {
         }
         self.barrier(commands, COMPUTES, HOST_READS);
         phases
+    }
+
+    /// Records a pass: its first depths, then its draws.
+    pub(crate) fn record_pass(
+        &self,
+        scene: &Scene,
+        frame: &Frame,
+        commands: vk::CommandBuffer,
+        depths: vk::Buffer,
+        draws: &[FaceDraw],
+    ) {
+        // The submission before shares the images.
+        let all = COMPUTES.and(DRAWS_ITEMS).and(DRAWS_COVER).and(COPIES);
+        self.barrier(commands, all, COPIES);
+        scene.preset_depths(commands, depths);
+        self.barrier(commands, all, DRAWS_ITEMS);
+        self.render.pass(scene, frame, commands, draws);
     }
 
     fn record_group(

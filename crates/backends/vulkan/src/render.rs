@@ -7,6 +7,7 @@ use ash::vk;
 use hemicube_contract::backend::BackendError;
 use hemicube_contract::face::Face;
 use hemicube_shaders::Edges;
+use hemicube_shaders::pass::FaceDraw;
 use hemicube_shaders::recording::identify;
 use hemicube_shaders::stage::{self, Stage, binding};
 use hemicube_shaders::upload::VERTEX_BYTES;
@@ -184,6 +185,8 @@ pub(crate) struct Render {
     ids: [Pipeline; 2],
     /// Depths alone, likewise.
     depths: [Pipeline; 2],
+    /// Ids of what is seen through a portal.
+    through: Pipeline,
     cover: Pipeline,
 }
 
@@ -217,6 +220,7 @@ impl Render {
                 make(&stage::RENDER, None, Images::Depths)?,
                 make(&stage::RENDER, Some(&stage::OCCLUDE_OTHERS), Images::Depths)?,
             ],
+            through: make(&stage::THROUGH, Some(&stage::IDENTIFY_THROUGH), Images::IdsAndDepths)?,
             cover: make(&stage::COVER, Some(&stage::ADD_HIDDEN), Images::None)?,
         })
     }
@@ -237,17 +241,7 @@ impl Render {
                 is_listed,
             } => (&self.ids, without_emitter, true, is_listed),
         };
-        let escaped = vk::ClearValue {
-            color: vk::ClearColorValue {
-                uint32: [scene.upload.patch_count + 1; 4],
-            },
-        };
-        let color = [vk::RenderingAttachmentInfo::default()
-            .image_view(scene.items.layers[layer as usize])
-            .image_layout(vk::ImageLayout::GENERAL)
-            .load_op(vk::AttachmentLoadOp::CLEAR)
-            .store_op(vk::AttachmentStoreOp::STORE)
-            .clear_value(escaped)];
+        let color = [items_of(scene, layer)];
         // The clear value of the depth is 0: infinitely far.
         let depth = vk::RenderingAttachmentInfo::default()
             .image_view(scene.depths.layers[layer as usize])
@@ -295,6 +289,44 @@ impl Render {
         }
     }
 
+    /// Draws a pass into the first layer, whose depths are preset, with the views of the first slot.
+    pub(crate) fn pass(&self, scene: &Scene, frame: &Frame, commands: vk::CommandBuffer, draws: &[FaceDraw]) {
+        let color = [items_of(scene, 0)];
+        let depth = vk::RenderingAttachmentInfo::default()
+            .image_view(scene.depths.layers[0])
+            .image_layout(vk::ImageLayout::GENERAL)
+            .load_op(vk::AttachmentLoadOp::LOAD)
+            .store_op(vk::AttachmentStoreOp::STORE);
+        let rendering = vk::RenderingInfo::default()
+            .render_area(area(scene))
+            .layer_count(1)
+            .color_attachments(&color)
+            .depth_attachment(&depth);
+        let device = &self.gpu.raw;
+        // SAFETY: as above; runs are within the indices, and rectangles within the image.
+        unsafe {
+            device.cmd_begin_rendering(commands, &rendering);
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::GRAPHICS, self.through.raw);
+            device.cmd_bind_vertex_buffers(commands, 0, &[scene.buffer(binding::VERTICES)], &[0]);
+            device.cmd_bind_index_buffer(commands, scene.buffer(binding::INDICES), 0, vk::IndexType::UINT32);
+            for draw in draws {
+                bind_face(&self.gpu, scene, frame, commands, 0, draw.face);
+                #[allow(clippy::cast_possible_wrap, reason = "at most 3072")]
+                let [x, y] = draw.low.map(|low| low as i32);
+                let [width, height] = draw.size;
+                let scissor = [vk::Rect2D {
+                    offset: vk::Offset2D { x, y },
+                    extent: vk::Extent2D { width, height },
+                }];
+                device.cmd_set_scissor(commands, 0, &scissor);
+                for run in &draw.runs {
+                    device.cmd_draw_indexed(commands, run.end - run.start, 1, run.start, 0, 0);
+                }
+            }
+            device.cmd_end_rendering(commands);
+        }
+    }
+
     /// Draws the entries of a slot's row alone.
     pub(crate) fn cover(
         &self,
@@ -317,6 +349,21 @@ impl Render {
             device.cmd_end_rendering(commands);
         }
     }
+}
+
+/// The item buffer of a layer, to be cleared.
+fn items_of(scene: &Scene, layer: u32) -> vk::RenderingAttachmentInfo<'static> {
+    let escaped = vk::ClearValue {
+        color: vk::ClearColorValue {
+            uint32: [scene.upload.patch_count + 1; 4],
+        },
+    };
+    vk::RenderingAttachmentInfo::default()
+        .image_view(scene.items.layers[layer as usize])
+        .image_layout(vk::ImageLayout::GENERAL)
+        .load_op(vk::AttachmentLoadOp::CLEAR)
+        .store_op(vk::AttachmentStoreOp::STORE)
+        .clear_value(escaped)
 }
 
 fn area(scene: &Scene) -> vk::Rect2D {

@@ -95,7 +95,12 @@ impl Scene {
         };
         let image = |what, format, besides| Image::new(gpu, what, format, extent, plan.group, besides);
         let items = image("the item buffer", vk::Format::R32_UINT, written)?;
-        let depths = image("the depth buffer", vk::Format::D32_SFLOAT, vk::ImageUsageFlags::empty())?;
+        // Passes begin with depths of the host's.
+        let depths = image(
+            "the depth buffer",
+            vk::Format::D32_SFLOAT,
+            vk::ImageUsageFlags::TRANSFER_DST,
+        )?;
         let frame = || -> Result<Frame, BackendError> {
             let size = |wanted| {
                 let sizes = plan.sizes(&upload);
@@ -262,6 +267,28 @@ impl Scene {
                 self.buffer(binding::DEPTH_COPY),
                 &region,
             );
+        }
+    }
+
+    /// Copies depths of the first layer from a buffer.
+    pub(crate) fn preset_depths(&self, commands: vk::CommandBuffer, from: vk::Buffer) {
+        let n = self.plan.resolution;
+        let region = [vk::BufferImageCopy::default()
+            .image_subresource(
+                vk::ImageSubresourceLayers::default()
+                    .aspect_mask(vk::ImageAspectFlags::DEPTH)
+                    .layer_count(1),
+            )
+            .image_extent(vk::Extent3D {
+                width: n,
+                height: 3 * n,
+                depth: 1,
+            })];
+        // SAFETY: commands of this device that are being recorded; the caller's buffer has a depth for each pixel.
+        unsafe {
+            self.gpu
+                .raw
+                .cmd_copy_buffer_to_image(commands, from, self.depths.raw, vk::ImageLayout::GENERAL, &region);
         }
     }
 

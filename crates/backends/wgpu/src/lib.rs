@@ -34,14 +34,15 @@ use cull::Policy;
 use device::{Compiler, Device};
 use hemicube_abi::{Log, Plugin};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes,
 };
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{self, unculled_triangles};
+use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::stage::binding as b;
-use hemicube_shaders::view::{FIRST_STAMP, submission_views};
+use hemicube_shaders::view::{FIRST_STAMP, pass_views, submission_views};
 use hemicube_shaders::{Cull, Goal, Plan, Recording, Upload};
 use options::Options;
 use reduce::{Side, Stages};
@@ -301,13 +302,41 @@ impl Loaded {
     }
 
     fn items(&mut self, device: &Device, stages: &Stages, hemicube: &Hemicube) -> Result<Items, BackendError> {
-        let n = self.plan.resolution;
         let (mut encoder, _, _) = self.record(device, stages, 0, std::slice::from_ref(hemicube), Goal::Items);
         // The counters and times of this submission are dropped.
         encoder.clear_buffer(self.store.buffer(b::TALLIES), 0, None);
         if let Some(clock) = &mut self.sides[0].clock {
             clock.add_to(&mut StageTimes::default(), &[]);
         }
+        self.read_items(device, encoder)
+    }
+
+    fn pass(&self, device: &Device, stages: &Stages, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        let n = self.plan.resolution;
+        let scene = Scene {
+            device,
+            stages,
+            store: &self.store,
+            plan: &self.plan,
+            upload: &self.upload,
+        };
+        let depths = first_depths(pass, n).into_iter().map(f32::to_bits);
+        let bound = reduce::bind_pass(&scene, &conv::to_bytes(depths));
+        let mut encoder = device
+            .raw
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        // No submission is under way.
+        let side = &self.sides[0];
+        let draws = draws(&self.upload, pass, n);
+        scene.draw_pass(&mut encoder, &side.view_group, &bound, &draws);
+        let (_, drawn) = view_bytes(&pass_views(&self.geometry, &self.upload, pass, n));
+        device.queue.write_buffer(&side.drawn_views, 0, &drawn);
+        self.read_items(device, encoder)
+    }
+
+    /// Sends commands, and reads the item buffer of the first layer after them.
+    fn read_items(&self, device: &Device, mut encoder: wgpu::CommandEncoder) -> Result<Items, BackendError> {
+        let n = self.plan.resolution;
         let pitch = (4 * n).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let bytes = u64::from(pitch) * 3 * u64::from(n);
         let copy = device.raw.create_buffer(&wgpu::BufferDescriptor {
@@ -419,6 +448,17 @@ impl HemicubeBackend for Session {
         let loaded = self.loaded.as_mut().ok_or_else(not_loaded)?;
         session::check(&loaded.geometry, std::slice::from_ref(hemicube))?;
         let items = loaded.items(&self.device, &self.stages, hemicube);
+        if items.is_err() {
+            self.give_up();
+        }
+        items
+    }
+
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        self.device.check()?;
+        let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
+        pass.check(loaded.plan.resolution)?;
+        let items = loaded.pass(&self.device, &self.stages, pass);
         if items.is_err() {
             self.give_up();
         }

@@ -6,7 +6,7 @@
 use crate::conv;
 use crate::cull;
 use crate::device::{Compiler, Device};
-use crate::render::{COVER, Clock, Group, MOST_STAMPS, Recorder, Rendering, Scene, scene_stages, view_size};
+use crate::render::{COVER, Clock, Group, MOST_STAMPS, PASS, Recorder, Rendering, Scene, scene_stages, view_size};
 use crate::upload::TWICE;
 use hemicube_contract::backend::{BackendError, Counters, StageTimes};
 use hemicube_contract::row::RowBlock;
@@ -17,6 +17,7 @@ use hemicube_shaders::{Action, Cull, Edges, Plan, Recording, Step};
 use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Instant;
+use wgpu::util::DeviceExt;
 use wgpu::{
     BindGroup, BindGroupLayout, BindingResource, Buffer, BufferUsages, ComputePass, ComputePipeline, MapMode,
     SubmissionIndex,
@@ -99,6 +100,28 @@ pub(crate) struct Groups {
     compute: HashMap<&'static str, BindGroup>,
     pub(crate) scene: BindGroup,
     pub(crate) cover: BindGroup,
+}
+
+/// Binds group 1 of a pass: the settings, and its first depths.
+pub(crate) fn bind_pass(scene: &Scene<'_>, depths: &[u8]) -> BindGroup {
+    let device = &scene.device.raw;
+    let depths = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some("the first depths of a pass"),
+        contents: depths,
+        usage: BufferUsages::STORAGE,
+    });
+    let entries = conv::bindings(&PASS).into_iter().map(|binding| wgpu::BindGroupEntry {
+        binding,
+        resource: match binding {
+            b::DEPTH_COPY => depths.as_entire_binding(),
+            _ => scene.store.buffer(binding).as_entire_binding(),
+        },
+    });
+    device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("pass"),
+        layout: &scene.stages.rendering.pass_layout,
+        entries: &entries.collect::<Vec<_>>(),
+    })
 }
 
 /// One of two sets of buffers: the rows of one are read back while those of the other are made.

@@ -6,6 +6,7 @@ use crate::reduce::{Groups, Stages};
 use crate::upload::Store;
 use hemicube_contract::backend::{Geometry, Hemicube, StageTimes};
 use hemicube_contract::face::Face;
+use hemicube_shaders::pass::FaceDraw;
 use hemicube_shaders::recording::identify;
 use hemicube_shaders::stage::{self, Stage, binding as b};
 use hemicube_shaders::upload::VERTEX_BYTES;
@@ -121,13 +122,7 @@ impl Recorder<'_> {
             view,
             depth_slice: None,
             resolve_target: None,
-            ops: Operations {
-                load: LoadOp::Clear(wgpu::Color {
-                    r: f64::from(clear),
-                    ..wgpu::Color::TRANSPARENT
-                }),
-                store: StoreOp::Store,
-            },
+            ops: escaped(clear),
         });
         let colors = [color];
         let mut pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -160,6 +155,17 @@ impl Recorder<'_> {
     }
 }
 
+/// Clears ids to what stands for escaped.
+fn escaped(id: u32) -> Operations<wgpu::Color> {
+    Operations {
+        load: LoadOp::Clear(wgpu::Color {
+            r: f64::from(id),
+            ..wgpu::Color::TRANSPARENT
+        }),
+        store: StoreOp::Store,
+    }
+}
+
 /// The images of a drawing pass.
 pub(crate) struct Attachments<'a> {
     pub(crate) depths: &'a wgpu::TextureView,
@@ -178,6 +184,10 @@ pub(crate) struct Rendering {
     depths: [RenderPipeline; 2],
     ids: [RenderPipeline; 2],
     cover: RenderPipeline,
+    /// The first depths of a pass, and its ids.
+    preset: RenderPipeline,
+    through: RenderPipeline,
+    pub(crate) pass_layout: BindGroupLayout,
     /// Group 1 of the scene's draws.
     pub(crate) layout: BindGroupLayout,
     pub(crate) cover_layout: BindGroupLayout,
@@ -185,6 +195,14 @@ pub(crate) struct Rendering {
 
 /// The stages drawing patches alone.
 pub(crate) const COVER: [&Stage; 2] = [&stage::COVER, &stage::ADD_HIDDEN];
+
+/// The stages drawing a pass.
+pub(crate) const PASS: [&Stage; 4] = [
+    &stage::EVERY_PIXEL,
+    &stage::PRESET_DEPTHS,
+    &stage::THROUGH,
+    &stage::IDENTIFY_THROUGH,
+];
 
 /// The stages drawing the scene.
 pub(crate) fn scene_stages(edges: Edges) -> [&'static Stage; 4] {
@@ -196,13 +214,21 @@ impl Rendering {
     pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
         let layout = compiler.layout(&scene_stages(edges));
         let cover_layout = compiler.layout(&COVER);
+        let pass_layout = compiler.layout(&PASS);
+        let ids = || Some(TextureFormat::R32Uint.into());
         Self {
+            preset: Self::preset(compiler, &pass_layout),
+            through: Self::pipeline(
+                compiler,
+                &pass_layout,
+                &stage::THROUGH,
+                Some((&stage::IDENTIFY_THROUGH, &[ids()])),
+            ),
+            pass_layout,
             depths: [None, Some((&stage::OCCLUDE_OTHERS, &[][..]))]
-                .map(|fragment| Self::pipeline(compiler, &layout, fragment)),
-            ids: identify(edges).map(|fragment| {
-                let target = Some(TextureFormat::R32Uint.into());
-                Self::pipeline(compiler, &layout, Some((fragment, &[target])))
-            }),
+                .map(|fragment| Self::pipeline(compiler, &layout, &stage::RENDER, fragment)),
+            ids: identify(edges)
+                .map(|fragment| Self::pipeline(compiler, &layout, &stage::RENDER, Some((fragment, &[ids()])))),
             cover: Self::cover(compiler, &cover_layout),
             layout,
             cover_layout,
@@ -236,12 +262,46 @@ impl Rendering {
         })
     }
 
+    fn preset(compiler: &mut Compiler<'_>, group: &BindGroupLayout) -> RenderPipeline {
+        let module = compiler.module(&stage::PRESET_DEPTHS);
+        let layout = compiler.pipeline_layout(group);
+        compiler.draw(&wgpu::RenderPipelineDescriptor {
+            label: Some(stage::PRESET_DEPTHS.entry),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some(stage::EVERY_PIXEL.entry),
+                compilation_options: compilation(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: Some(wgpu::DepthStencilState {
+                depth_write_enabled: Some(true),
+                ..depth_test(wgpu::CompareFunction::Always)
+            }),
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some(stage::PRESET_DEPTHS.entry),
+                compilation_options: compilation(),
+                targets: &[Some(wgpu::ColorTargetState {
+                    format: TextureFormat::R32Uint,
+                    blend: None,
+                    write_mask: wgpu::ColorWrites::empty(),
+                })],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+
     fn pipeline(
         compiler: &mut Compiler<'_>,
         group: &BindGroupLayout,
+        vertex: &Stage,
         fragment: Option<(&Stage, &[Option<wgpu::ColorTargetState>])>,
     ) -> RenderPipeline {
-        let module = compiler.module(&stage::RENDER);
+        let module = compiler.module(vertex);
         let layout = compiler.pipeline_layout(group);
         let attribute = |format, offset, shader_location| wgpu::VertexAttribute {
             format,
@@ -258,7 +318,7 @@ impl Rendering {
             layout: Some(&layout),
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some(stage::RENDER.entry),
+                entry_point: Some(vertex.entry),
                 compilation_options: compilation(),
                 buffers: &[Some(wgpu::VertexBufferLayout {
                     array_stride: u64::from(VERTEX_BYTES),
@@ -363,6 +423,54 @@ impl Scene<'_> {
                 items: Some((&self.store.items.layers[layer as usize], self.upload.patch_count + 1)),
             };
             self.draw_layer(recorder, &groups.scene, pipeline, attachments, layer, is_listed);
+        }
+    }
+
+    /// Draws a pass into the first layer, with the views of the first slot. `bound` has its first depths.
+    pub(crate) fn draw_pass(
+        &self,
+        encoder: &mut CommandEncoder,
+        view_group: &BindGroup,
+        bound: &BindGroup,
+        draws: &[FaceDraw],
+    ) {
+        let color = wgpu::RenderPassColorAttachment {
+            view: &self.store.items.layers[0],
+            depth_slice: None,
+            resolve_target: None,
+            ops: escaped(self.upload.patch_count + 1),
+        };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("pass"),
+            color_attachments: &[Some(color)],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &self.store.depths.layers[0],
+                depth_ops: Some(Operations {
+                    load: LoadOp::Clear(0.0),
+                    store: StoreOp::Store,
+                }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        });
+        let n = self.plan.resolution;
+        pass.set_bind_group(0, view_group, &[view_offset(0, 0)]);
+        pass.set_bind_group(1, bound, &[]);
+        pass.set_pipeline(&self.stages.rendering.preset);
+        pass.draw(0..3, 0..1);
+        pass.set_pipeline(&self.stages.rendering.through);
+        pass.set_vertex_buffer(0, self.store.buffer(b::VERTICES).slice(..));
+        pass.set_index_buffer(self.store.buffer(b::INDICES).slice(..), wgpu::IndexFormat::Uint32);
+        for draw in draws {
+            let (first_row, rows) = (draw.face.first_row(n), draw.face.rows(n));
+            #[allow(clippy::cast_precision_loss, reason = "at most 3072")]
+            pass.set_viewport(0.0, first_row as f32, n as f32, rows as f32, 0.0, 1.0);
+            let ([x, y], [width, height]) = (draw.low, draw.size);
+            pass.set_scissor_rect(x, y, width, height);
+            pass.set_bind_group(0, view_group, &[view_offset(0, draw.face as u32)]);
+            for run in &draw.runs {
+                pass.draw_indexed(run.clone(), 0, 0..1);
+            }
         }
     }
 

@@ -100,6 +100,7 @@ fn capabilities(can: Capabilities) -> Vec<&'static str> {
         (can.tiny_patches, "tiny-patches"),
         (can.items, "items"),
         (can.lossless_culling, "lossless-culling"),
+        (can.passes, "passes"),
     ]
     .into_iter()
     .filter_map(|(can, name)| can.then_some(name))

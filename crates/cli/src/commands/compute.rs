@@ -694,7 +694,12 @@ fn tell_portals(portals: &Portals, talk: Talk) {
 /// Tells who follows what is seen through mirrors and panes, where the backend does not.
 fn tell_composed(run: &Run<'_>, talk: Talk) {
     let backend = &run.backend().info().name;
-    if run.plan.portals.specular.is_some() && backend != "cpu" {
+    if run.plan.draws_passes(run.backend().info()) {
+        talk.say(&format!(
+            "`{backend}` renders what is seen directly, and through mirrors and panes where passes are large; the rest \
+             is followed on the processor"
+        ));
+    } else if run.plan.portals.specular.is_some() && backend != "cpu" {
         talk.say(&format!(
             "`{backend}` renders what is seen directly; what is seen through mirrors and panes is followed on the \
              processor"

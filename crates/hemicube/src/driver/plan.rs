@@ -2,6 +2,7 @@
 
 use crate::accuracy::correct::Correction;
 use crate::accuracy::grain::Grain;
+use crate::backend::BackendInfo;
 use crate::portal::Portals;
 use crate::sampling::splitmix;
 use crate::store::Form;
@@ -164,6 +165,18 @@ impl RowChoice {
 }
 
 impl Plan {
+    /// Returns whether a backend draws the larger passes through mirrors and panes of this plan.
+    pub fn draws_passes(&self, backend: &BackendInfo) -> bool {
+        let follows_pixels = matches!(self.correction, Correction::Pixel | Correction::Point);
+        backend.capabilities.passes && follows_pixels && self.portals.specular.is_some()
+    }
+
+    /// The version of the arithmetic of this plan's rows: a backend's own, and where it draws passes, that it does.
+    pub(crate) fn arithmetic(&self, backend: &BackendInfo) -> String {
+        let passes = if self.draws_passes(backend) { "+passes" } else { "" };
+        format!("{}{passes}", backend.version)
+    }
+
     /// Plans the rows of `choice`, by the scene and the settings only.
     pub fn new(model: &Model, choice: RowChoice, selection: Selection, samples_per_edge: u32, rotate: bool) -> Self {
         Self::grouped(model, choice, selection, samples_per_edge, rotate, None)

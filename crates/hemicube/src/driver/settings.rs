@@ -189,7 +189,7 @@ impl RowSettings {
             min_factor: plan.min_factor,
             backend: BackendEntry {
                 name: backend.name.clone(),
-                version: backend.version.clone(),
+                version: plan.arithmetic(backend),
             },
             objects: scene.objects.clone(),
             materials: scene.materials.iter().map(|material| material.name.clone()).collect(),

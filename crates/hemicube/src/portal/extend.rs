@@ -562,7 +562,7 @@ pub(super) struct RowPixels<'r> {
 /// followed alone.
 ///
 /// # Errors
-/// When the backend hands out no item buffers.
+/// When the backend hands out no item buffers, or does not draw a pass.
 pub(super) fn follow_row<const N: usize>(
     passes: &mut Passes<N>,
     row: RowPixels<'_>,
@@ -590,7 +590,7 @@ pub(super) fn follow_row<const N: usize>(
             bound: row.bound,
             cancel: Some(row.cancel),
         };
-        if !passes.follow(&view, portals, surfaces, taker) {
+        if !passes.follow(&view, portals, surfaces, taker, Some(&mut *session))? {
             return Ok(false);
         }
     }

@@ -22,10 +22,10 @@ use super::specular::Optics;
 use super::trace::{PASSES_MAX, Surfaces, divide};
 use super::window::{EDGE, FaceView, NOTHING, Window};
 use crate::accuracy::ray_shares::nearest;
-use crate::backend::{Hemicube, RESOLUTIONS, WHOLE};
+use crate::backend::{self, BackendError, Hemicube, HemicubeBackend, RESOLUTIONS, WHOLE};
 use crate::bvh::{LANES, Tree};
 use crate::delta::DeltaTable;
-use crate::face::{Face, Items};
+use crate::face::{Face, Items, pixel_count};
 use crate::geometry::{self, Plane};
 use crate::sampling::splitmix;
 use crate::simd::InstructionSet;
@@ -40,6 +40,10 @@ const FEW: usize = 4;
 const MOST_WINDOWS: usize = (*RESOLUTIONS.end() / EDGE) as usize;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
+/// Part of a hemicube's pixels from which on a pass is drawn by the backend, where it can. A choice, not a measurement:
+/// a mask is uploaded and an atlas read back however small the pass, while windows cost what its pixels do. It depends
+/// on nothing but the pass, so that rows do not depend on how fast a device is.
+const DEVICE_PART: usize = 16;
 /// Parts of the bound on pixels drawn after which light ones merge, and T then, in parts of the hemicube. Choices: at
 /// T = 2⁻¹⁷ of it, draws vary a share F by √F · 0.3 % at most.
 const MERGE: [(u64, u64); 4] = [(16, 1 << 18), (8, 1 << 17), (4, 1 << 16), (2, 1 << 14)];
@@ -57,10 +61,72 @@ struct Pixel<const N: usize> {
 }
 
 impl<const N: usize> Pixel<N> {
+    /// Its place in the atlas.
+    fn place(&self, resolution: u32) -> usize {
+        let row = Face::ALL[usize::from(self.face)].first_row(resolution) + u32::from(self.y);
+        (row * resolution + u32::from(self.x)) as usize
+    }
+
     /// The window that it belongs to.
     fn window(&self) -> [u32; 3] {
         [u32::from(self.face), u32::from(self.y) / EDGE, u32::from(self.x) / EDGE]
     }
+}
+
+/// Ways to find what a pixel sees: a window, a ray, the backend's device.
+const WAYS: usize = 3;
+const DRAWN: usize = 0;
+const CAST: usize = 1;
+const DEVICE: usize = 2;
+
+/// A pass as a backend's device draws it.
+struct DeviceItems<const N: usize> {
+    items: Items,
+    /// The bands that it is drawn for: the others have few pixels in it.
+    bands: [bool; N],
+}
+
+/// Draws a pass on a backend's device, where that is made to, for the bands that have many pixels in it.
+fn by_device<const N: usize>(
+    pass: &Pass<N>,
+    resolution: u32,
+    session: &mut dyn HemicubeBackend,
+) -> Result<Option<DeviceItems<N>>, BackendError> {
+    if !session.info().capabilities.passes {
+        return Ok(None);
+    }
+    let is_large = |&count: &usize| count * DEVICE_PART >= pixel_count(resolution);
+    let bands = pixels_of_bands(&pass.pixels).map(|count| is_large(&count));
+    if !bands.contains(&true) {
+        return Ok(None);
+    }
+    let mut open = vec![0u32; pixel_count(resolution) / 32];
+    for pixel in &pass.pixels {
+        if bands
+            .iter()
+            .zip(pixel.weights)
+            .any(|(&is_drawn, weight)| is_drawn && (N == 1 || weight > 0))
+        {
+            let place = pixel.place(resolution);
+            open[place / 32] |= 1 << (place % 32);
+        }
+    }
+    let items = session.pass(&backend::Pass {
+        origin: pass.eye,
+        axes: pass.axes,
+        normal: pass.horizon.normal,
+        offset: pass.horizon.offset,
+        open: &open,
+    })?;
+    Ok(Some(DeviceItems { items, bands }))
+}
+
+/// The number of pixels in which each band has a weight.
+fn pixels_of_bands<const N: usize>(pixels: &[Pixel<N>]) -> [usize; N] {
+    if N == 1 {
+        return [pixels.len(); N];
+    }
+    std::array::from_fn(|band| pixels.iter().filter(|pixel| pixel.weights[band] > 0).count())
 }
 
 /// A hemicube behind a portal, and its open pixels, window by window.
@@ -210,8 +276,8 @@ pub(super) struct Passes<const N: usize> {
     is_disordered: [bool; N],
     /// Emptied, to be used again.
     spare: Vec<Vec<Pixel<N>>>,
-    /// What pixels of a window show, drawn and cast.
-    seen: Vec<[u32; 2]>,
+    /// What pixels of a window show, by each way.
+    seen: Vec<[u32; WAYS]>,
     sums: Vec<[Sums; N]>,
     touched: Vec<u32>,
     /// Pixels drawn of each band, and their bound: beyond it all is cut off at its next portal.
@@ -272,15 +338,20 @@ impl<const N: usize> Passes<N> {
         self.is_portal.get(patch as usize) == Some(&true)
     }
 
-    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see. Returns false, with ledgers that say
-    /// nothing, where one of several bands gets to merging out of its order: each is to be followed alone.
+    /// Follows a hemicube's pixels. `portals` are those that the hemicube may see; large passes are drawn by `session`,
+    /// where it can. Returns false, with ledgers that say nothing, where one of several bands gets to merging out of
+    /// its order: each is to be followed alone.
+    ///
+    /// # Errors
+    /// The session's.
     pub(super) fn follow(
         &mut self,
         view: &PixelView<'_>,
         portals: &[u32],
         surfaces: [Surfaces<'_>; N],
         taker: &mut Taker<'_, N, impl Fn(u32) -> Column>,
-    ) -> bool {
+        mut session: Option<&mut dyn HemicubeBackend>,
+    ) -> Result<bool, BackendError> {
         let PixelView {
             hemicube,
             items,
@@ -340,11 +411,16 @@ impl<const N: usize> Passes<N> {
         self.windows = windows;
         self.begin_children(hemicube.origin, hemicube.axes, 0);
         while let Some(pass) = self.pending.pop() {
-            self.draw(&pass, resolution, &surfaces, taker);
+            let drawn = match &mut session {
+                Some(session) => by_device(&pass, resolution, &mut **session),
+                None => Ok(None),
+            };
+            let drawn = drawn.inspect_err(|_| self.forget())?;
+            self.draw(&pass, resolution, drawn.as_ref(), &surfaces, taker);
             let mut bands = self.legs.iter().zip(self.is_disordered);
             if bands.any(|(&legs, is_disordered)| is_disordered && legs >= self.legs_max / MERGE[0].0) {
                 self.forget();
-                return false;
+                return Ok(false);
             }
             self.begin_children(pass.eye, pass.axes, pass.depth);
             let mut pixels = pass.pixels;
@@ -364,7 +440,7 @@ impl<const N: usize> Passes<N> {
                 }
             }
         }
-        true
+        Ok(true)
     }
 
     /// Forgets a hemicube that is not followed to its end.
@@ -535,11 +611,12 @@ impl<const N: usize> Passes<N> {
         }
     }
 
-    /// Draws a pass, window by window, and hands on what meets portals.
+    /// Draws a pass, window by window unless a device has, and hands on what meets portals.
     fn draw(
         &mut self,
         pass: &Pass<N>,
         resolution: u32,
+        drawn: Option<&DeviceItems<N>>,
         surfaces: &[Surfaces<'_>; N],
         taker: &mut Taker<'_, N, impl Fn(u32) -> Column>,
     ) {
@@ -547,31 +624,38 @@ impl<const N: usize> Passes<N> {
         for pixels in pass.pixels.chunk_by(|p, q| p.window() == q.window()) {
             let face = Face::ALL[usize::from(pixels[0].face)];
             let view = view_of(face, resolution, pass.eye, &pass.axes, pass.horizon);
-            let counts: [usize; N] = if N == 1 {
-                [pixels.len(); N]
-            } else {
-                std::array::from_fn(|band| pixels.iter().filter(|pixel| pixel.weights[band] > 0).count())
+            let counts = pixels_of_bands(pixels);
+            // A band with none goes with the others.
+            let way = |band: usize| match drawn {
+                _ if counts[band] == 0 => None,
+                Some(drawn) if drawn.bands[band] => Some(DEVICE),
+                _ => Some(if counts[band] > FEW { DRAWN } else { CAST }),
             };
-            self.look(pixels, counts, &view, &mut seen);
+            let ways: [Option<usize>; N] = std::array::from_fn(way);
+            let other = ways.iter().flatten().copied().next().unwrap_or(CAST);
+            let ways = ways.map(|way| way.unwrap_or(other));
+            self.look(pixels, ways, &view, &mut seen);
+            if let Some(drawn) = drawn {
+                // Its numbers for what is no patch are those of windows: none is a patch, and `ESCAPED` is `NOTHING`.
+                for (pixel, seen) in pixels.iter().zip(&mut seen) {
+                    seen[DEVICE] = drawn.items.seen[pixel.place(resolution)];
+                }
+            }
             for (legs, count) in self.legs.iter_mut().zip(counts) {
                 *legs += count as u64;
             }
-            // A band with none goes with the others.
-            let is_drawn = counts.iter().any(|&count| count > FEW);
-            let few = counts.map(|count| count <= FEW && (count > 0 || !is_drawn));
-            for (pixel, &[drawn, cast]) in pixels.iter().zip(&seen) {
-                if drawn == cast || !few.contains(&true) {
-                    self.meet(pixel, drawn, pass.depth, &view, surfaces, taker);
-                } else if !few.contains(&false) {
-                    self.meet(pixel, cast, pass.depth, &view, surfaces, taker);
-                } else {
-                    for (id, is_cast) in [(cast, true), (drawn, false)] {
-                        let weight = |band: usize| if few[band] == is_cast { pixel.weights[band] } else { 0 };
-                        let part = Pixel {
-                            weights: std::array::from_fn(weight),
-                            ..*pixel
-                        };
-                        self.meet(&part, id, pass.depth, &view, surfaces, taker);
+            for (pixel, seen) in pixels.iter().zip(&seen) {
+                let met = seen[ways[0]];
+                if ways.iter().all(|&way| seen[way] == met) {
+                    self.meet(pixel, met, pass.depth, &view, surfaces, taker);
+                    continue;
+                }
+                for way in [CAST, DRAWN, DEVICE] {
+                    let weight = |band: usize| if ways[band] == way { pixel.weights[band] } else { 0 };
+                    let weights = std::array::from_fn(weight);
+                    if weights != [0; N] {
+                        let part = Pixel { weights, ..*pixel };
+                        self.meet(&part, seen[way], pass.depth, &view, surfaces, taker);
                     }
                 }
             }
@@ -579,22 +663,22 @@ impl<const N: usize> Passes<N> {
         self.seen = seen;
     }
 
-    /// What a window's pixels see: drawn where a band has many of them open, by rays where it has few.
-    fn look(&mut self, pixels: &[Pixel<N>], counts: [usize; N], view: &FaceView, seen: &mut Vec<[u32; 2]>) {
-        let has = |pixel: &Pixel<N>, is_few: bool| {
-            let mut bands = pixel.weights.iter().zip(counts);
-            bands.any(|(&weight, count)| weight > 0 && (count <= FEW) == is_few)
+    /// What a window's pixels see, by the ways of the bands that have them open; a device has drawn before.
+    fn look(&mut self, pixels: &[Pixel<N>], ways: [usize; N], view: &FaceView, seen: &mut Vec<[u32; WAYS]>) {
+        let has = |pixel: &Pixel<N>, way: usize| {
+            let mut bands = pixel.weights.iter().zip(ways);
+            bands.any(|(&weight, of)| weight > 0 && of == way)
         };
         seen.clear();
-        seen.resize(pixels.len(), [NOTHING; 2]);
-        if counts.iter().any(|&count| count <= FEW) {
+        seen.resize(pixels.len(), [NOTHING; WAYS]);
+        if ways.contains(&CAST) {
             for (pixel, seen) in pixels.iter().zip(&mut *seen) {
-                if has(pixel, true) {
-                    seen[1] = self.cast(view, pixel);
+                if has(pixel, CAST) {
+                    seen[CAST] = self.cast(view, pixel);
                 }
             }
         }
-        if counts.iter().all(|&count| count <= FEW) {
+        if !ways.contains(&DRAWN) {
             return;
         }
         let (x, y) = (
@@ -604,12 +688,12 @@ impl<const N: usize> Passes<N> {
         let low = [x.clone().min(), y.clone().min()].map(Option::unwrap_or_default);
         let high = [x.max(), y.max()].map(Option::unwrap_or_default);
         self.window.begin(low, high);
-        for pixel in pixels.iter().filter(|pixel| has(pixel, false)) {
+        for pixel in pixels.iter().filter(|pixel| has(pixel, DRAWN)) {
             self.window.open(pixel.x.into(), pixel.y.into());
         }
         self.window.draw(self.set, &self.tree, view);
-        for (pixel, seen) in pixels.iter().zip(seen).filter(|(pixel, _)| has(pixel, false)) {
-            seen[0] = self.window.seen(pixel.x.into(), pixel.y.into());
+        for (pixel, seen) in pixels.iter().zip(seen).filter(|(pixel, _)| has(pixel, DRAWN)) {
+            seen[DRAWN] = self.window.seen(pixel.x.into(), pixel.y.into());
         }
     }
 

@@ -116,7 +116,8 @@ impl<'a> Follower<'a> {
             bound: self.bound,
             cancel: None,
         };
-        self.passes.follow(&view, &self.seen, [surfaces], &mut taker);
+        // Without a session there is none to fail.
+        let _ = self.passes.follow(&view, &self.seen, [surfaces], &mut taker, None);
         let ledger = &self.ledger;
         for ((_, patch), found) in &ledger.entries {
             add(&mut arrivals.patches, *patch, [found.weight, found.passed]);

@@ -1,0 +1,120 @@
+#version 450 core
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    float near;
+    uint mirrored;
+    vec4 portal;
+    uvec4 unused[6];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint looks_back;
+    uint unused;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct CornerBeyond {
+    vec4 position;
+    uvec2 patches;
+    float height;
+};
+struct SeenBeyond {
+    uint id;
+    float depth;
+};
+const float BACK = 0.9999981;
+
+layout(std140, binding = 0) uniform View_block_0Vertex { View _group_0_binding_0_vs; };
+
+layout(location = 0) in vec3 _p2vs_location0;
+layout(location = 1) in vec3 _p2vs_location1;
+layout(location = 2) in uvec2 _p2vs_location2;
+invariant gl_Position;
+layout(location = 0) flat out uvec2 _vs2fs_location0;
+layout(location = 1) smooth out float _vs2fs_location1;
+
+vec3 relative(View v, vec3 high_1, vec3 low_1) {
+    return ((high_1 - v.eye_high) + (low_1 - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x) + abs(y)) * 9.536743e-7));
+    return vec3(x, y, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p) {
+    return vec3((((v_2.clip_x.x * p.x) + (v_2.clip_x.y * p.y)) + (v_2.clip_x.z * p.z)), (((v_2.clip_y.x * p.x) + (v_2.clip_y.y * p.y)) + (v_2.clip_y.z * p.z)), (((v_2.clip_w.x * p.x) + (v_2.clip_w.y * p.y)) + (v_2.clip_w.z * p.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
+    vec3 _e3 = relative(v_3, high_2, low_2);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
+}
+
+void main() {
+    vec3 high = _p2vs_location0;
+    vec3 low = _p2vs_location1;
+    uvec2 patches = _p2vs_location2;
+    View _e4 = _group_0_binding_0_vs;
+    vec3 _e5 = relative(_e4, high, low);
+    float _e9 = _group_0_binding_0_vs.portal.x;
+    float _e15 = _group_0_binding_0_vs.portal.y;
+    float _e22 = _group_0_binding_0_vs.portal.z;
+    float _e29 = _group_0_binding_0_vs.portal.w;
+    float height_1 = ((((_e9 * _e5.x) + (_e15 * _e5.y)) + (_e22 * _e5.z)) + _e29);
+    float _e33 = _group_0_binding_0_vs.tolerance;
+    float snap_1 = (_e33 + (((abs(_e5.x) + abs(_e5.y)) + abs(_e5.z)) * 9.536743e-7));
+    View _e46 = _group_0_binding_0_vs;
+    vec4 _e47 = clip_position(_e46, high, low);
+    CornerBeyond _tmp_return = CornerBeyond(_e47, patches, ((abs(height_1) <= snap_1) ? 0.0 : height_1));
+    gl_Position = _tmp_return.position;
+    _vs2fs_location0 = _tmp_return.patches;
+    _vs2fs_location1 = _tmp_return.height;
+    return;
+}
+
