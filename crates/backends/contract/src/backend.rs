@@ -265,8 +265,7 @@ impl Pass<'_> {
         let [x, y, z] = self.axes;
         let lengths = [x, y, z, self.normal].map(|v| v.length_squared() - 1.0);
         let products = [x.dot(y), y.dot(z), z.dot(x)];
-        // A sum that is not a number is refused, too.
-        let is_off = |value: &f64| !(value.abs() <= 1e-6);
+        let is_off = |value: &f64| value.is_nan() || value.abs() > 1e-6;
         let wanted = crate::face::pixel_count(resolution) / 32;
         let wrong = if lengths.iter().chain(&products).any(is_off) {
             "the axes of a pass are not orthonormal, or its plane's normal is not of unit length".to_owned()
