@@ -47,7 +47,8 @@ def main():
                 off = [sum(difference > permitted for difference in column) for column in zip(*differences)][:3]
                 most = [f"{max(column):.3f}" for column in zip(*differences)][:3]
                 sums = max(abs(sum(row) - 1.0) for row in found.values())
-                print(f"{scene.stem:24} {level:8} {seconds:6.1f} s  off {off}  at most {most}  sums {sums:.4f}", flush=True)
+                line = f"{scene.stem:24} {level:8} {seconds:6.1f} s  off {off}  at most {most}  sums {sums:.4f}"
+                print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,12 @@
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 
+use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::solve::{ArrayFile, STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
 use hemicube_scene::{Patches, ReadOptions, Subdivision};
+use hemicube_tests::geometry::sphere;
 use hemicube_tests::matrices::entries;
 use hemicube_tests::random::Random;
 use hemicube_tests::runs::{self, Ran};
@@ -566,6 +568,37 @@ fn a_back_that_only_a_part_of_a_patch_sees_is_blocked() {
         assert!((blocked - behind).abs() <= bound, "{settings}: {blocked}, {behind}");
         assert!((escaped - (1.0 - both)).abs() <= bound, "{settings}: {escaped}, {both}");
     }
+}
+
+/// A field of spheres whose rows see many patches and mostly sky: rays that differ by chance from form factors that
+/// agree with their hemicubes leave them as they are. 0.007 of a ΣF of 0.07 was moved in several rows of a thousand.
+#[test]
+fn rows_that_agree_with_their_hemicubes_stay_as_they_are() {
+    let place = Place::new();
+    let mut text = String::new();
+    for k in 0..24 {
+        let middle = 4.0 * DVec3::new(f64::from(k % 6), f64::from(k / 6), 0.0);
+        for corners in sphere(5, 1.0, false, true) {
+            for corner in corners {
+                let [x, y, z] = (corner + middle).to_array();
+                writeln!(text, "v {x} {y} {z}").expect("a string");
+            }
+            text.push_str("f -3 -2 -1\n");
+        }
+    }
+    std::fs::write(place.path("field.obj"), text).expect("written");
+    let sums = |name: &str, tolerance: &str| {
+        place.line(&format!("compute field.obj -o {name} --tolerance {tolerance} --quiet"));
+        let store = Store::open(&place.path(name)).expect("a store");
+        store.row_table().expect("rows").row_sum.clone()
+    };
+    let (coarse, fine) = (sums("coarse", "1%"), sums("fine", "0.1%"));
+    let off = coarse
+        .iter()
+        .zip(&fine)
+        .filter(|(a, b)| (*a - *b).abs() > 0.003)
+        .count();
+    assert!(off <= 2, "{off} of {}", coarse.len());
 }
 
 /// Two large plates close together: q = σ(T₁⁴ − T₂⁴) / (1/ε₁ + 1/ε₂ − 1).

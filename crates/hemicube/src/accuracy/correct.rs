@@ -197,12 +197,12 @@ const RAYS_PART: f64 = 0.8;
 const SPLIT_PART: f64 = 0.65;
 /// Part of it that they may leave in the sum before form factors are held to be off by it. A choice.
 const SURE_PART: f64 = 0.45;
-/// [`SURE_PART`] of a row whose form factors and hemicubes agree, and number of standard errors by which rays must differ
-/// from both. Choices: a row in a thousand is spoilt by less than its permitted error.
+/// [`SURE_PART`] of a row whose form factors and hemicubes agree, and number of standard errors by which rays must
+/// differ from both. Choices.
 const SURE_PART_AGREED: f64 = 0.25;
 const SURE_OF_BOTH: f64 = 3.0;
 /// Number of standard errors by which a first look differs from a hemicube's shares that does not stand for the patch.
-/// A choice: one row in twenty is measured for nothing.
+/// A choice: of normal errors one in twenty is as large by chance, and such a row is measured for nothing.
 const DIFFERENT: f64 = 2.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;

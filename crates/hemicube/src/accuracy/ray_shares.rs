@@ -17,8 +17,10 @@ use crate::visibility::segments::{Segment, crossing, next_block};
 use crate::visibility::wide::WideTree;
 use glam::DVec3;
 
-/// Number of rays that look for shares a hemicube did not see, of a measurement at least, and at most. Choices.
+/// Bounds of the number of rays that look for shares a hemicube did not see: fewer than a measurement's. Choices.
 const FIRST: usize = 64;
+const FIRST_MOST: usize = 128;
+/// Number of rays of a measurement, at least and at most. Choices.
 const LEAST: usize = 256;
 const MOST: usize = 1 << 14;
 /// Largest number of rays for a permitted error below [`FINE`]: shares within 5·10⁻⁴. A choice.
@@ -83,18 +85,18 @@ impl RayShares {
         self.rays >= most || self.blocks >= MOST_BLOCKS
     }
 
-    /// Casts the first rays from a patch, 64 to 256: a share of twice the permitted error is met by two of them. `None`
-    /// for a patch without area.
+    /// Casts the first rays from a patch, 64 to 128: a share of twice the permitted error is met by two of them, from a
+    /// permitted error of 1/128 on. `None` for a patch without area.
     pub(crate) fn look(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<Self> {
         let mut found = Self::default();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 256")]
-        let first = permitted.recip().clamp(FIRST as f64, LEAST as f64) as usize;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 128")]
+        let first = permitted.recip().clamp(FIRST as f64, FIRST_MOST as f64) as usize;
         found.cast(emitter, first.next_power_of_two(), receives);
         (found.rays > 0).then_some(found)
     }
 
-    /// Casts 256 rays, and twice as many until no share has a standard error above `wanted`, or their bound is met: 16,384
-    /// rays (65,536 for a permitted error below 10⁻³), or 2²² blocks of triangles.
+    /// Casts 256 rays, and twice as many until no share has a standard error above `wanted`, or their bound is met:
+    /// 16,384 rays (65,536 for a permitted error below 10⁻³), or 2²² blocks of triangles.
     pub(crate) fn refine(
         &mut self,
         emitter: &Emitter<'_>,

@@ -86,8 +86,9 @@ impl RowShares {
         Self::from_array(shares)
     }
 
-    /// [`Self::refined`] for measured shares. They take the residual where it is `permitted`. Of a larger one, which is the
-    /// form factors' own, they take what exceeds `permitted`: pairs were looked for before, and uncertain ones moved.
+    /// [`Self::refined`] for measured shares. They take the residual where it is `permitted`. Of a larger one, which is
+    /// the form factors' own, they take what exceeds `permitted`: pairs were looked for before, and uncertain ones
+    /// moved.
     pub(crate) fn refined_within(self, factors: f64, permitted: f64) -> Self {
         let residual = 1.0 - factors - self.lost();
         let taken = if residual.abs() <= permitted {
