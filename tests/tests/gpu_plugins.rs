@@ -12,7 +12,7 @@ use hemicube_scene::generate::Kind;
 use hemicube_tests::devices::{EXACT_EDGES, is_there};
 use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::rows::{hemicubes, settings, spread};
-use hemicube_tests::scenes::{generated, program, say};
+use hemicube_tests::scenes::{generated, program, say, scenes_or_skip};
 use serde_json::Value;
 use std::path::Path;
 
@@ -259,4 +259,32 @@ fn together_in_one_process_their_rows_are_those_of_each_alone() {
             });
         }
     });
+}
+
+/// In the row of patch 4810 of this tile, a wall shared by two houses stands right before the whole view. The plugins
+/// alone see through it: 0.35 of the row.
+#[test]
+fn a_wall_right_before_a_patch_is_seen() {
+    let Some(scenes) = scenes_or_skip("a_wall_right_before_a_patch_is_seen") else {
+        return;
+    };
+    let scratch = tempfile::tempdir().expect("a folder");
+    for name in NAMES.into_iter().filter(|name| has_device(name)) {
+        let output = Command::new(program())
+            .arg("compute")
+            .arg(scenes.join("city/denhaag-8897.obj"))
+            .args(["--rows", "4810..4811", "--correction", "pixel", "--json", "--quiet"])
+            .args(["--backend", name, "--backend-dir", &folder(), "--overwrite", "-o"])
+            .arg(scratch.path().join("row"))
+            .output()
+            .expect("the program starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        assert_eq!(report["row_sum"]["mean"], 1.0, "{name}");
+        let version = report["backend"]["version"].as_str().expect("a version");
+        assert!(
+            version.starts_with("gpu-2-exact+"),
+            "it is told from the plugin's alone: {version}"
+        );
+    }
 }

@@ -13,7 +13,7 @@ use hemicube::driver::input::{SceneInput, SceneSettings as GivenSettings};
 use hemicube::driver::room::{self, Work};
 pub(crate) use hemicube::driver::settings::axis_name;
 use hemicube::{Grouping, HierarchyOptions, Model};
-use hemicube_backend_cpu::{CpuBackend, EngineChoice};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, with_close};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision, Triangle};
@@ -278,7 +278,7 @@ impl EngineSettings {
                 backend.library().name()
             ));
         }
-        Ok(Box::new(backend))
+        Ok(with_close(Box::new(backend)))
     }
 }
 

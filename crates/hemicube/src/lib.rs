@@ -49,6 +49,6 @@ pub mod store;
 mod visibility;
 
 pub use grouping::{Grouping, PatchKind};
-pub use hemicube_contract::{backend, bvh, delta, escaped, face, outline, row};
+pub use hemicube_contract::{backend, bvh, close, delta, escaped, face, outline, row};
 pub use hemicube_scene::InputPatch;
 pub use model::{HierarchyOptions, Model, ModelError};

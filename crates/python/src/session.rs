@@ -2,7 +2,7 @@
 
 use crate::errors;
 use hemicube::backend::HemicubeBackend;
-use hemicube_backend_cpu::{CpuBackend, EngineChoice};
+use hemicube_backend_cpu::{CpuBackend, EngineChoice, with_close};
 use hemicube_host::{Environment, Options, Registry, Search};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -70,6 +70,6 @@ impl BackendChoice {
             return Ok(Box::new(CpuBackend::new().with_engine(self.engine)));
         }
         let backend = self.registry.open(&self.name, &self.options);
-        Ok(Box::new(backend.map_err(|error| errors::opening(&error))?))
+        Ok(with_close(Box::new(backend.map_err(|error| errors::opening(&error))?)))
     }
 }

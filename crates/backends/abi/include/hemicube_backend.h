@@ -111,6 +111,12 @@ typedef struct HcSession HcSession;
 #define HC_CAN_PASSES 16
 
 /*
+ Hemicubes with a surface above their plane and within 2⁻¹⁸ normalised units of their origin may be wrong: the host
+ has them drawn on the processor. A host that does not know this bit asks for them all the same.
+ */
+#define HC_LEAVES_CLOSE 32
+
+/*
  A device of none of the kinds below.
  */
 #define HC_DEVICE_OTHER 0

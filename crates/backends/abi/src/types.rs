@@ -49,6 +49,9 @@ pub const HC_CAN_ITEMS: u64 = 4;
 pub const HC_CAN_LOSSLESS_CULLING: u64 = 8;
 /// `pass` works.
 pub const HC_CAN_PASSES: u64 = 16;
+/// Hemicubes with a surface above their plane and within 2⁻¹⁸ normalised units of their origin may be wrong: the host
+/// has them drawn on the processor. A host that does not know this bit asks for them all the same.
+pub const HC_LEAVES_CLOSE: u64 = 32;
 
 /// A device of none of the kinds below.
 pub const HC_DEVICE_OTHER: u32 = 0;

@@ -338,6 +338,8 @@ pub struct Capabilities {
     pub lossless_culling: bool,
     /// [`HemicubeBackend::pass`] works.
     pub passes: bool,
+    /// [`crate::close`] hemicubes may be wrong; a processor is to draw them.
+    pub leaves_close: bool,
 }
 
 /// The identity of a backend.

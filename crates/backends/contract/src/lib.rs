@@ -5,6 +5,7 @@
 
 pub mod backend;
 pub mod bvh;
+pub mod close;
 pub mod delta;
 pub mod escaped;
 pub mod face;

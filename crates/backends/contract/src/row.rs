@@ -150,6 +150,14 @@ impl RowBlock {
         self.blocked.push(blocked);
     }
 
+    /// Adds a row of another block.
+    pub fn push_row(&mut self, row: &RowView<'_>) {
+        self.patches.extend_from_slice(row.patches);
+        self.visible.extend_from_slice(row.visible);
+        self.covered.extend_from_slice(row.covered);
+        self.end_row(row.escaped, row.blocked);
+    }
+
     /// Row `row`, from 0.
     ///
     /// # Panics

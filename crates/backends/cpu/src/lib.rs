@@ -16,6 +16,7 @@
 //! ```text
 //! lib      sessions: the HemicubeBackend implementation
 //! choice   the engine that suits a scene
+//! close    hemicubes that a device leaves
 //! engine   walks and rows
 //! kernel   arithmetic, instruction sets
 //! bsp      binary space partition
@@ -41,12 +42,14 @@
 
 mod bsp;
 mod choice;
+mod close;
 mod engine;
 mod kernel;
 mod parents;
 
 pub use choice::EngineChoice;
 use choice::{Engine, Plan};
+pub use close::with_close;
 use engine::{BspEngine, TreeEngine};
 use hemicube_contract::backend::{
     BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings,
@@ -272,6 +275,7 @@ impl CpuBackend {
                     items: true,
                     lossless_culling: true,
                     passes: false,
+                    leaves_close: false,
                 },
                 preferred_rows: 16,
             },
@@ -402,6 +406,19 @@ impl Session {
     }
 }
 
+impl CpuBackend {
+    /// Another session over the loaded scene.
+    fn another(&self) -> Result<Self, BackendError> {
+        let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
+        Ok(Self {
+            info: self.info.clone(),
+            reason: self.reason.clone(),
+            loaded: Some(Session::new(Arc::clone(&loaded.geometry), Arc::clone(&loaded.scene))),
+            ..*self
+        })
+    }
+}
+
 impl HemicubeBackend for CpuBackend {
     fn info(&self) -> &BackendInfo {
         &self.info
@@ -423,13 +440,7 @@ impl HemicubeBackend for CpuBackend {
     }
 
     fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
-        let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
-        Ok(Box::new(Self {
-            info: self.info.clone(),
-            reason: self.reason.clone(),
-            loaded: Some(Session::new(Arc::clone(&loaded.geometry), Arc::clone(&loaded.scene))),
-            ..*self
-        }))
+        Ok(Box::new(self.another()?))
     }
 
     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {

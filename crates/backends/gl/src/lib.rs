@@ -71,6 +71,7 @@ fn capabilities(dense: bool) -> Capabilities {
         covered: !dense,
         tiny_patches: !dense,
         passes: !dense,
+        leaves_close: !dense,
         ..CAPABILITIES
     }
 }

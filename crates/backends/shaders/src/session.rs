@@ -19,13 +19,14 @@ pub fn version(edges: Edges) -> String {
     version.to_string_lossy().into_owned()
 }
 
-/// Covered weights, sub-pixel patches, item buffers, culling invisible in rows, and passes.
+/// Covered weights, sub-pixel patches, item buffers, culling invisible in rows, and passes; close hemicubes are left.
 pub const CAPABILITIES: Capabilities = Capabilities {
     covered: true,
     tiny_patches: true,
     items: true,
     lossless_culling: true,
     passes: true,
+    leaves_close: true,
 };
 
 /// Hemicubes of a call, for submissions of `batch`: four submissions. One is read back while the next is under way, and

@@ -4,9 +4,8 @@ use crate::limits::Plan;
 use crate::upload::{Upload, split};
 use glam::DVec3;
 use hemicube_contract::backend::{Geometry, Hemicube, Pass};
-use hemicube_contract::bvh::distance;
+use hemicube_contract::close::{CLOSE, distance_before};
 use hemicube_contract::face::Face;
-use hemicube_spatial::Visit;
 use std::ops::RangeInclusive;
 
 /// Words of a view: 256 bytes, the largest alignment of a dynamic offset that a device may ask.
@@ -46,27 +45,8 @@ const NEAR: RangeInclusive<i32> = -30..=-20;
 /// The distance of a hemicube's near plane, in half sides of the scene: 2⁻²⁰, or a power of two of at most a quarter of
 /// the distance to the nearest surface above the hemicube's plane, if that is less, and at least 2⁻³⁰. Houses may share
 /// walls 10⁻⁷ apart. Looks at the surfaces of nodes within 2⁻¹⁸ of the eye: few, and each once at most, as drawing does.
-pub fn near(geometry: &Geometry, upload: &Upload, hemicube: &Hemicube) -> f64 {
-    let own = hemicube.emitter.map(|e| upload.surface_of_patch[e.0 as usize]);
-    let mut nearest = 4.0 * f64::from(*NEAR.end()).exp2();
-    if geometry.octree.order().len() == geometry.surfaces.len() {
-        let eye = hemicube.origin;
-        geometry.octree.visit_front_to_back(eye, |_, node| {
-            if node.bounds.distance_squared(eye) >= nearest * nearest {
-                return Visit::Skip;
-            }
-            if node.own_bounds.distance_squared(eye) < nearest * nearest {
-                for index in node.own().filter(|&index| own != Some(index)) {
-                    let corners = &geometry.surfaces[index as usize].corners;
-                    let height = |&corner: &DVec3| hemicube.axes[2].dot(corner - eye);
-                    if corners.iter().any(|corner| height(corner) > geometry.plane_tolerance) {
-                        nearest = nearest.min(distance(eye, corners));
-                    }
-                }
-            }
-            Visit::Descend
-        });
-    }
+pub fn near(geometry: &Geometry, hemicube: &Hemicube) -> f64 {
+    let nearest = distance_before(geometry, hemicube, CLOSE);
     #[allow(clippy::cast_possible_truncation, reason = "the exponent of a double")]
     let exponent = (nearest / 4.0).log2().floor().max(f64::from(*NEAR.start())) as i32;
     f64::from(exponent.min(*NEAR.end())).exp2()
@@ -82,7 +62,7 @@ pub fn views(
 ) -> [[u32; VIEW_WORDS]; 5] {
     #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
     let narrow = |x: f64| (x as f32).to_bits();
-    let near = near(geometry, upload, hemicube);
+    let near = near(geometry, hemicube);
     let (high, low) = split(hemicube.origin);
     let emitter = hemicube.emitter.map_or(u32::MAX, |p| p.0);
     Face::ALL.map(|face| {

@@ -229,7 +229,7 @@ fn near_planes(triangles: &[[DVec3; 3]]) -> Vec<f64> {
     let upload = Upload::new(model.geometry()).expect("a scene that fits");
     let patches = 0..u32::try_from(triangles.len()).expect("few");
     patches
-        .map(|p| near(model.geometry(), &upload, &model.hemicubes(InputPatch(p), 1, false)[0]))
+        .map(|p| near(model.geometry(), &model.hemicubes(InputPatch(p), 1, false)[0]))
         .collect()
 }
 

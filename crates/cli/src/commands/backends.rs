@@ -101,6 +101,7 @@ fn capabilities(can: Capabilities) -> Vec<&'static str> {
         (can.items, "items"),
         (can.lossless_culling, "lossless-culling"),
         (can.passes, "passes"),
+        (can.leaves_close, "leaves-close"),
     ]
     .into_iter()
     .filter_map(|(can, name)| can.then_some(name))

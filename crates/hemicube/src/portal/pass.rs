@@ -24,6 +24,7 @@ use super::window::{EDGE, FaceView, NOTHING, Window};
 use crate::accuracy::ray_shares::nearest;
 use crate::backend::{self, BackendError, Hemicube, HemicubeBackend, RESOLUTIONS, WHOLE};
 use crate::bvh::{LANES, Tree};
+use crate::close::CLOSE;
 use crate::delta::DeltaTable;
 use crate::face::{Face, Items, pixel_count};
 use crate::geometry::{self, Plane};
@@ -86,13 +87,15 @@ struct DeviceItems<const N: usize> {
     bands: [bool; N],
 }
 
-/// Draws a pass on a backend's device, where that is made to, for the bands that have many pixels in it.
+/// Draws a pass on a backend's device, where that is made to, for the bands that have many pixels in it. Not where the
+/// eye is [`CLOSE`] to the portal: a device clips in f32.
 fn by_device<const N: usize>(
     pass: &Pass<N>,
     resolution: u32,
     session: &mut dyn HemicubeBackend,
 ) -> Result<Option<DeviceItems<N>>, BackendError> {
-    if !session.info().capabilities.passes {
+    let height = pass.horizon.normal.dot(pass.eye) - pass.horizon.offset;
+    if !session.info().capabilities.passes || height.abs() < CLOSE {
         return Ok(None);
     }
     let is_large = |&count: &usize| count * DEVICE_PART >= pixel_count(resolution);
