@@ -644,6 +644,80 @@ fn fault_18_nothing_is_called_after_a_fatal_status() {
     assert!(matches!(rows_of(&mut backend, true), Err(BackendError::OutOfMemory(_))));
 }
 
+/// A closed room with a mirror for a wall, which a hemicube sees by large passes.
+const MIRROR_ROOM: &str = "v 0.01 0 0\nv 1.11 0.1 0.01\nv 1.01 1.2 0.02\nv -0.08 1 0.01\nv 0.03 0.01 0.9\nv 1.13 0.08 0.91\n\
+    v 1.04 1.22 0.92\nv -0.06 1.03 0.91\no floor\nf 1 2 3 4\no ceiling\nf 5 8 7 6\no wall\nf 1 4 8 5\nf 2 6 7 3\nf 1 5 6 2\n\
+    o mirror\nf 4 3 7 8\n";
+
+/// A run through the mirror by a fault of passes.
+fn through_a_mirror(fault: &str) -> (Run, Output) {
+    let run = Run { place: folder() };
+    std::fs::write(run.place.path().join("room.obj"), MIRROR_ROOM).expect("a file");
+    std::fs::write(
+        run.place.path().join("optics.toml"),
+        "[object.mirror]\nspecular = 0.8\n",
+    )
+    .expect("a file");
+    let mut command = run.compute_command(&[&format!("fault={fault}"), "after=3"]);
+    let output = command.args(["--split", "2", "--specular", "optics.toml"]).output();
+    let output = output.expect("the program runs");
+    if !output.status.success() {
+        // It says that it is unfinished, and of what it has nothing is wrong.
+        assert_ne!(run.program(&["check", "m"]).status.code(), Some(0), "{fault}");
+        let checked = run.program(&["check", "m", "--allow-incomplete"]);
+        assert_eq!(checked.status.code(), Some(0), "{fault}: {}", text(&checked.stdout));
+    }
+    (run, output)
+}
+
+#[test]
+fn fault_19_wrong_passes() {
+    let check = |fault: &str| {
+        let options = ["--backend-option", &format!("fault={fault}")];
+        check_of(&rust("faulty"), "room/passes", &options, "60")
+    };
+    // What is illegal is an error, and nothing of it is stored.
+    for (fault, words) in [
+        ("pass-out-of-range", "shows patch 48 of a scene of 48 patches"),
+        ("pass-unwritten", "of an item buffer was not written"),
+    ] {
+        let said = text(&through_a_mirror(fault).1.stderr);
+        assert!(
+            said.contains("error: backend `faulty`") && said.contains(words),
+            "{fault}: {said}"
+        );
+        let said = check(fault);
+        assert!(
+            said.contains("BROKEN") && said.contains("`pass` failed"),
+            "{fault}: {said}"
+        );
+    }
+    let (_run, output) = through_a_mirror("pass-past-items");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), None, "the program went on: {said}");
+    assert!(said.contains("wrote past the end of `items` in `pass`"), "{said}");
+    // What is legal and wrong is the suite's to find.
+    for fault in ["pass-wrong-pixel", "pass-ignores-plane", "pass-of-before"] {
+        let said = check(fault);
+        assert!(
+            said.contains("BROKEN") && said.contains("where its ray meets"),
+            "{fault}: {said}"
+        );
+    }
+    // Closed pixels are not read, whatever is in them.
+    let parts = ["pass-right", "pass-ignores-mask"].map(|fault| {
+        let (run, output) = through_a_mirror(fault);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert!(
+            text(&output.stderr).contains("where passes are large"),
+            "{}",
+            text(&output.stderr)
+        );
+        run.parts()
+    });
+    assert_eq!(parts[0], parts[1]);
+}
+
 /// The numbers and tests of the table in `docs/plugins.md`.
 fn listed(page: &str) -> BTreeMap<u32, String> {
     let rows = page.lines().filter_map(|line| {
@@ -658,7 +732,7 @@ fn listed(page: &str) -> BTreeMap<u32, String> {
 fn every_fault_of_the_table_has_its_test() {
     let page = std::fs::read_to_string(workspace().join("docs/plugins.md")).expect("the page on plugins");
     let listed = listed(&page);
-    assert_eq!(listed.keys().copied().collect::<Vec<_>>(), (1..=18).collect::<Vec<_>>());
+    assert_eq!(listed.keys().copied().collect::<Vec<_>>(), (1..=19).collect::<Vec<_>>());
     let source = include_str!("plugin_faults.rs");
     for (number, test) in &listed {
         assert!(test.starts_with(&format!("fault_{number:02}_")), "{number}: {test}");

@@ -24,7 +24,7 @@ pub use files::{
     write_points, write_sky, write_sunlight,
 };
 pub use grouped::{hemicubes_along, sky_of_groups};
-pub use through::{Glazed, sky_through_portals, sunlight};
+pub use through::{Glazed, SUN_POINTS, sky_through_portals, sunlight};
 
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};

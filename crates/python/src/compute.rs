@@ -3,20 +3,23 @@
 use crate::attended::{Attendant, attended};
 use crate::errors;
 use crate::matrix::Matrix;
-use crate::portals;
+use crate::portals::{self, AskedBand};
 use crate::scene::Scene;
 use crate::session::BackendChoice;
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RESOLUTIONS};
-use hemicube::driver::compute::{Progress, RowChoice};
-use hemicube::driver::job::{Job, Observer, Run, Sessions, Stage, StorePlace};
+use hemicube::driver::compute::{PartSink, Progress, RowChoice};
+use hemicube::driver::glazing::matrix_of_band;
+use hemicube::driver::job::{Job, Observer, PartListener, Run, Sessions, Stage, StorePlace};
 use hemicube::driver::level::Asked;
-use hemicube::store::{Form, PatchTable, Store};
+use hemicube::portal::Portals;
+use hemicube::store::{Form, Part, PatchTable, Store};
 use hemicube::{Grouping, Model, PatchKind};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -34,7 +37,10 @@ struct Request {
     /// With images of the scene, where it is a part; otherwise the scene's.
     model: Option<Model>,
     backend: BackendChoice,
-    output: Option<PathBuf>,
+    /// Portals of bands after the job's own.
+    further: Vec<Arc<Portals>>,
+    /// A store a matrix; none in memory.
+    outputs: Vec<PathBuf>,
     overwrite: bool,
 }
 
@@ -143,8 +149,8 @@ fn row_choice(rows: Option<(u32, u32)>, sample_rows: Option<u32>, seed: u64, cou
 }
 
 impl Request {
-    /// The matrix, computed on a thread without the interpreter's lock.
-    fn run(&self, scene: &Scene, attendant: &Attendant<'_, Rows>) -> PyResult<Matrix> {
+    /// The matrices, one or one a band, computed on a thread without the interpreter's lock.
+    fn run(&self, scene: &Scene, attendant: &Attendant<'_, Rows>) -> PyResult<Vec<Matrix>> {
         let observer = Attended {
             attendant,
             resumed: Cell::new(0),
@@ -155,50 +161,66 @@ impl Request {
         };
         let model = self.model.as_ref().unwrap_or(&scene.model);
         let run = self.job.prepare(&scene.input, model, sessions, &observer);
-        let run = run.map_err(|error| errors::job(&error))?;
-        match &self.output {
-            None => in_memory(run, scene, &observer),
-            Some(directory) => self.stored(run, scene, directory, &observer),
+        let mut run = run.map_err(|error| errors::job(&error))?;
+        for portals in &self.further {
+            let with_band = run.with_band(&self.job, &scene.input, Arc::clone(portals));
+            run = with_band.map_err(|error| errors::job(&error))?;
+        }
+        if self.outputs.is_empty() {
+            in_memory(run, scene, &observer)
+        } else {
+            self.stored(run, scene, &observer)
         }
     }
 
-    /// The matrix in a store. An interrupted run is resumed by the next one.
-    fn stored(&self, run: Run<'_>, scene: &Scene, directory: &Path, observer: &Attended<'_>) -> PyResult<Matrix> {
-        let place = StorePlace {
-            directory,
-            overwrite: self.overwrite,
-            shard: None,
-        };
+    /// The matrices in stores. An interrupted run is resumed by the next one.
+    fn stored(&self, run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<Vec<Matrix>> {
+        let places: Vec<StorePlace<'_>> = self
+            .outputs
+            .iter()
+            .map(|directory| StorePlace {
+                directory,
+                overwrite: self.overwrite,
+                shard: None,
+            })
+            .collect();
+        let mut ignored: Vec<_> = places.iter().map(|_| |_: &Part| {}).collect();
+        let mut listeners: Vec<PartListener<'_>> = ignored.iter_mut().map(|none| none as PartListener<'_>).collect();
         let store = run
-            .open(&scene.input, place, &mut |_| {}, observer)
+            .open_bands(&scene.input, &places, &mut listeners, observer)
             .map_err(|error| errors::store(&error))?;
         let finished = store
-            .compute(&mut |_| {}, observer)
+            .compute_bands(&mut listeners, observer)
             .map_err(|error| errors::job(&error))?;
-        if finished.summary.cancelled {
+        if finished.iter().any(|finished| finished.summary.cancelled) {
             return Err(interrupted());
         }
-        let store = Store::open(directory).map_err(|error| errors::store(&error))?;
-        Ok(Matrix::stored(store))
+        let open = |directory: &PathBuf| match Store::open(directory) {
+            Ok(store) => Ok(Matrix::stored(store)),
+            Err(error) => Err(errors::store(&error)),
+        };
+        self.outputs.iter().map(open).collect()
     }
 }
 
-/// The matrix in memory.
-fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<Matrix> {
+/// The matrices in memory.
+fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<Vec<Matrix>> {
     let (input, patches) = (&scene.input, &scene.patches);
-    let header = run
-        .settings
-        .header(input, patches, &input.file, &run.plan, run.backend().info())
-        .map_err(|error| errors::store(&error))?;
+    let headers = run.headers(input).map_err(|error| errors::store(&error))?;
     let grouping = run.plan.groups.as_ref().map(|groups| Arc::clone(&groups.grouping));
-    let mut parts = Vec::new();
-    let summary = run
-        .compute(&mut parts, observer)
+    let mut parts: Vec<Vec<Part>> = headers.iter().map(|_| Vec::new()).collect();
+    let mut sinks: Vec<&mut dyn PartSink> = parts.iter_mut().map(|parts| parts as &mut dyn PartSink).collect();
+    let summaries = run
+        .compute_bands(&mut sinks, observer)
         .map_err(|error| errors::compute(&error))?;
-    if summary.cancelled {
+    if summaries.iter().any(|summary| summary.cancelled) {
         return Err(interrupted());
     }
-    Matrix::in_memory(header, PatchTable::of(input, patches, grouping.as_deref()), parts)
+    let matrix = |(header, parts)| {
+        let table = PatchTable::of(input, patches, grouping.as_deref());
+        Matrix::in_memory(header, table, parts)
+    };
+    headers.into_iter().zip(parts).map(matrix).collect()
 }
 
 /// The exception of a cancelled run; the one that cancelled it takes precedence.
@@ -222,7 +244,9 @@ pub(crate) fn interrupted() -> PyErr {
 ///
 /// `specular` follows mirrors and panes, by name: `{"object": {"mirror": {"specular": 0.9}}, "material": {"glass*":
 /// {"index": 1.52, "thickness": 0.006, "extinction": 20}}}`; form factors are then of what arrives, and
-/// `specular_bound` is the share of a path at which it ends. `symmetry={"x": 0}`, `sector=("z", 12)` and
+/// `specular_bound` is the share of a path at which it ends. Of tables with several bands `band="light"` takes one;
+/// `band=["light", "heat"]` computes these together, and returns a dictionary of a matrix each, with `output` in
+/// stores of its name with `-light` and `-heat` behind it. `symmetry={"x": 0}`, `sector=("z", 12)` and
 /// `periodic={"y": (0, 80)}` say that the scene is one side of a plane, a sector, or one cell (`repeats` on either
 /// side). `Matrix.specular_reflectance`, `.transmittance`, `.passed` and `.cut_off` tell of it.
 ///
@@ -243,7 +267,7 @@ pub(crate) fn interrupted() -> PyErr {
     min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None,
     backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None, specular=None,
     specular_bound=None, symmetry=std::collections::BTreeMap::new(), sector=None,
-    periodic=std::collections::BTreeMap::new(), repeats=None
+    periodic=std::collections::BTreeMap::new(), repeats=None, band=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn compute(
@@ -279,7 +303,8 @@ pub(crate) fn compute(
     sector: Option<(String, u32)>,
     periodic: std::collections::BTreeMap<String, (f64, f64)>,
     repeats: Option<u32>,
-) -> PyResult<Matrix> {
+    band: Option<AskedBand>,
+) -> PyResult<Py<PyAny>> {
     let scene = scene.get();
     let asked_portals = portals::Asked {
         specular,
@@ -290,7 +315,12 @@ pub(crate) fn compute(
         repeats,
         tolerance,
     };
-    let (portals, model) = asked_portals.portals(scene)?;
+    let (portals, model) = match &band {
+        Some(AskedBand::Several(names)) => asked_portals.of_bands(scene, names)?,
+        Some(AskedBand::One(name)) => one(asked_portals.portals(scene, Some(name))?),
+        None => one(asked_portals.portals(scene, None)?),
+    };
+    let mut portals = portals.into_iter().map(Arc::new);
     let kind = match patches {
         None => PatchKind::Triangle,
         Some(name) => PatchKind::of_name(name).ok_or_else(|| {
@@ -308,7 +338,7 @@ pub(crate) fn compute(
         )));
     }
     let job = Job {
-        portals: Arc::new(portals),
+        portals: portals.next().unwrap_or_default(),
         accuracy: asked(tolerance, correction, resolution, samples)?,
         rotate: rotation,
         rows: row_choice(rows, sample_rows, seed, count)?,
@@ -338,8 +368,31 @@ pub(crate) fn compute(
         job,
         model,
         backend: BackendChoice::new(backend, backend_dir, options, engine)?,
-        output,
+        further: portals.collect(),
+        outputs: match (output, &band) {
+            (None, _) => Vec::new(),
+            (Some(whole), Some(AskedBand::Several(names))) => {
+                names.iter().map(|name| matrix_of_band(&whole, name)).collect()
+            }
+            (Some(output), _) => vec![output],
+        },
         overwrite,
     };
-    attended(py, progress, |attendant| request.run(scene, &attendant))?
+    let found = attended(py, progress, |attendant| request.run(scene, &attendant))??;
+    let mut found = found.into_iter().map(|matrix| Py::new(py, matrix));
+    match band {
+        Some(AskedBand::Several(names)) => {
+            let matrices = PyDict::new(py);
+            for (name, matrix) in names.into_iter().zip(found) {
+                matrices.set_item(name, matrix?)?;
+            }
+            Ok(matrices.into_any().unbind())
+        }
+        _ => found.next().unwrap_or_else(|| Err(interrupted())).map(Py::into_any),
+    }
+}
+
+/// The portals of one matrix in a list.
+fn one((portals, model): (Portals, Option<Model>)) -> (Vec<Portals>, Option<Model>) {
+    (vec![portals], model)
 }

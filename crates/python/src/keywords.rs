@@ -6,9 +6,12 @@
 //! `--two-sided=on`    `two_sided=True`
 //! `--flip all`        `flip=['all']`
 //! `--rows 0..5`       `rows=(0, 5)`
+//! `--symmetry x=0`    `symmetry={'x': 0}`
+//! `--sector z,12`     `sector=('z', 12)`
+//! `--periodic y=0..8` `periodic={'y': (0, 8)}`
 //! ```
 //!
-//! Options without a keyword (`--specular`) keep their form: such matrices come from the program.
+//! Options without a keyword keep their form: such matrices come from the program.
 
 /// A keyword's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,10 +26,16 @@ enum Kind {
     Globs,
     /// `A..B`.
     Range,
+    /// `AXIS=AT`.
+    Plane,
+    /// `AXIS,N`.
+    Sector,
+    /// `AXIS=A..B`.
+    Period,
 }
 
 /// Options that are keywords of `Scene`, `compute`, `sky`, `solve` or `Matrix.export` and the like.
-const KEYWORDS: [(&str, Kind); 30] = [
+const KEYWORDS: [(&str, Kind); 36] = [
     ("allow-large", Kind::Truth),
     ("backend", Kind::Text),
     ("backend-dir", Kind::Text),
@@ -42,17 +51,23 @@ const KEYWORDS: [(&str, Kind); 30] = [
     ("overwrite", Kind::Truth),
     ("patch-size", Kind::Number),
     ("patches", Kind::Text),
+    ("periodic", Kind::Period),
     ("receivers", Kind::Globs),
     ("resolution", Kind::Number),
+    ("repeats", Kind::Number),
     ("rotation", Kind::Truth),
     ("rows", Kind::Range),
     ("sample-rows", Kind::Number),
     ("samples", Kind::Number),
     ("scale", Kind::Number),
+    ("sector", Kind::Sector),
     ("seed", Kind::Number),
+    ("specular", Kind::Text),
+    ("specular-bound", Kind::Number),
     ("split", Kind::Number),
     ("store", Kind::Text),
     ("subdivide", Kind::Number),
+    ("symmetry", Kind::Plane),
     ("threads", Kind::Number),
     ("tolerance", Kind::Number),
     ("two-sided", Kind::Truth),
@@ -123,6 +138,18 @@ fn written(kind: Kind, value: &str) -> Option<String> {
         Kind::Range => {
             let (start, end) = value.split_once("..")?;
             Some(format!("({start}, {end})"))
+        }
+        Kind::Plane => {
+            let (axis, at) = value.split_once('=')?;
+            Some(format!("{{'{axis}': {at}}}"))
+        }
+        Kind::Sector => {
+            let (axis, count) = value.split_once(',')?;
+            Some(format!("('{axis}', {count})"))
+        }
+        Kind::Period => {
+            let (axis, range) = value.split_once('=')?;
+            Some(format!("{{'{axis}': {}}}", written(Kind::Range, range)?))
         }
     }
 }

@@ -161,13 +161,13 @@ fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
 /// and a sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by
 /// no more than this share. `progress(done, total)` is called with numbers of points some times a second.
 ///
-/// `specular`, `specular_bound`, `symmetry`, `sector`, `periodic` and `repeats` are `compute`'s: points see through
-/// mirrors, panes and images of a cell, and rows are of what arrives. `Points.passed` and `.cut_off` tell of it.
+/// `specular`, `specular_bound`, `symmetry`, `sector`, `periodic` and `repeats` are `compute`'s, and so is `band`, of
+/// one: points see through mirrors, panes and images of a cell, and rows are of what arrives. `Points.passed` and `.cut_off` tell of it.
 #[pyfunction]
 #[pyo3(signature = (
     scene, positions, *, normals=None, body=None, up=None, tolerance=None, resolution=None, backend="cpu",
     backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None, specular=None,
-    specular_bound=None, symmetry=BTreeMap::new(), sector=None, periodic=BTreeMap::new(), repeats=None
+    specular_bound=None, symmetry=BTreeMap::new(), sector=None, periodic=BTreeMap::new(), repeats=None, band=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn points(
@@ -191,6 +191,7 @@ pub(crate) fn points(
     sector: Option<(String, u32)>,
     periodic: BTreeMap<String, (f64, f64)>,
     repeats: Option<u32>,
+    band: Option<&str>,
 ) -> PyResult<Py<Points>> {
     let given = scene;
     let scene = scene.get();
@@ -215,7 +216,7 @@ pub(crate) fn points(
         repeats,
         tolerance,
     };
-    let (portals, with_images) = asked.portals(scene)?;
+    let (portals, with_images) = asked.portals(scene, band)?;
     let model = with_images.as_ref().unwrap_or(&scene.model);
     let sensors = sensors(positions, normals, body)?;
     let is_outside = |sensor: &Sensor| {

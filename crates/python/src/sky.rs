@@ -1,18 +1,21 @@
 //! `hemicube.sky`: views of the sky from patches and points.
 
-use crate::attended::attended;
+use crate::attended::{Attendant, attended};
 use crate::compute::interrupted;
 use crate::scene::{Scene, warn};
 use crate::session::BackendChoice;
 use crate::views::{self, Views, csr, placed, require_as_many, require_items, require_tolerance};
-use crate::{compute, errors, numbers};
-use hemicube::InputPatch;
+use crate::{compute, errors, numbers, portals};
+use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
+use hemicube::portal::{Portals, Specular};
 use hemicube::sky::{
-    Horizon, LEVELS, PARTS_MAX, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, rows_of_points, sky_of_patches,
+    Glazed, Horizon, LEVELS, PARTS_MAX, PointRow, SUN_POINTS, SensorPoint, SkyDivision, SkyOptions, SkyRow,
+    rows_of_points, sky_of_patches, sky_through_portals, sunlight,
 };
-use numpy::PyArray1;
+use hemicube::{InputPatch, Model};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -28,6 +31,8 @@ pub(crate) struct Sky {
     rows: Vec<SkyRow>,
     /// Views of patches from points, and the number of patches.
     seen: Option<(Vec<Seen>, usize)>,
+    /// Irradiance of each row from each sun, and the number of suns.
+    sunlight: Option<(Vec<f32>, usize)>,
 }
 
 fn share(weight: u64, row: &SkyRow) -> f64 {
@@ -44,13 +49,20 @@ impl Sky {
         division: SkyDivision,
         rows: Vec<SkyRow>,
         seen: Option<(Vec<Seen>, usize)>,
+        sunlight: Option<(Vec<f32>, usize)>,
     ) -> PyResult<Py<Self>> {
         let shares = Views::new(rows.iter().map(|row| {
             let first = row.columns.first().filter(|(column, _)| *column == 0);
             let ground = share(first.map_or(0, |(_, weight)| *weight), row);
             [ground, share(row.blocked, row), row.change]
         }));
-        Py::new(py, (Self { division, rows, seen }, shares))
+        let sky = Self {
+            division,
+            rows,
+            seen,
+            sunlight,
+        };
+        Py::new(py, (sky, shares))
     }
 }
 
@@ -68,6 +80,17 @@ impl Sky {
     #[getter]
     fn view_factors<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_vec(py, self.rows.iter().map(SkyRow::sky_view_factor).collect())
+    }
+
+    /// Irradiance of each row from each of `suns`, of 1 on a plane across its beam: (n, suns), 0 for suns below the
+    /// horizon. Direct, through panes, and off up to three mirrors. None without suns.
+    #[getter]
+    fn sunlight<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
+        let Some((light, suns)) = &self.sunlight else {
+            return Ok(None);
+        };
+        let rows = self.rows.len();
+        PyArray1::from_slice(py, light).reshape([rows, *suns]).map(Some)
     }
 
     /// Solid angle of each column in steradians; the first is the ground.
@@ -179,10 +202,18 @@ pub(crate) fn pairs(options: Option<BTreeMap<String, String>>) -> Vec<(String, S
 /// `north` turns it clockwise, in degrees, from +y with z up, −z with y up. `tolerance` refines each row until its sky
 /// view factor changes by no more than this share; without it a patch gets `samples` hemicubes of `resolution` pixels
 /// an edge. `progress(done, total)` is called with numbers of rows some times a second.
+///
+/// `specular`, `specular_bound`, `symmetry`, `sector`, `periodic`, `repeats` and `band` (of one) are `compute`'s: the
+/// sky is seen through panes, in mirrors, and past the images of a cell. `specular` has no `tolerance`: more `samples`
+/// or a larger `resolution` refine it.
+///
+/// `suns` are directions towards suns, (m, 3): `Sky.sunlight` has what each patch receives of them.
 #[pyfunction]
 #[pyo3(signature = (
     scene, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256, samples=1, rotation=true,
-    backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None
+    backend="cpu", backend_dir=None, backend_options=None, engine="auto", threads=0, progress=None, suns=None,
+    specular=None, specular_bound=None, symmetry=BTreeMap::new(), sector=None, periodic=BTreeMap::new(), repeats=None,
+    band=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn sky(
@@ -201,28 +232,126 @@ pub(crate) fn sky(
     engine: &str,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
+    suns: Option<&Bound<'_, PyAny>>,
+    specular: Option<&Bound<'_, PyAny>>,
+    specular_bound: Option<f64>,
+    symmetry: BTreeMap<String, f64>,
+    sector: Option<(String, u32)>,
+    periodic: BTreeMap<String, (f64, f64)>,
+    repeats: Option<u32>,
+    band: Option<&str>,
 ) -> PyResult<Py<Sky>> {
     let scene = scene.get();
+    if specular.is_some() && tolerance.is_some() {
+        return Err(errors::input(
+            "`tolerance` refines what is seen directly; with `specular`, give `samples` or `resolution` in its place",
+        ));
+    }
     let backend = BackendChoice::new(backend, backend_dir, pairs(backend_options), engine)?;
     let request = Request::new(
         scene, division, up, north, tolerance, resolution, samples, rotation, threads, backend,
     )?;
-    let per_edge = request.options.samples_per_edge;
-    let rows: Vec<(InputPatch, u32)> = scene.patches.iter().map(|patch| (patch, per_edge)).collect();
-    let found = attended(py, progress, |attendant| -> PyResult<Option<Vec<SkyRow>>> {
-        sky_of_patches(
-            &scene.model,
-            &rows,
-            &request.division,
-            request.horizon,
-            request.options,
-            request.open()?,
-            &mut |done| attendant.tell((done, rows.len())),
-        )
-        .map_err(|error| errors::compute(&error))
-    })??;
-    Sky::object(py, request.division, found.ok_or_else(interrupted)?, None)
+    let suns = suns.map(directions).transpose()?;
+    let asked = portals::Asked {
+        specular,
+        specular_bound,
+        symmetry,
+        sector,
+        periodic,
+        repeats,
+        tolerance,
+    };
+    let (portals, with_images) = asked.portals(scene, band)?;
+    let task = Task {
+        scene,
+        model: with_images.as_ref().unwrap_or(&scene.model),
+        request: &request,
+        portals: &portals,
+    };
+    let found = attended(py, progress, |attendant| task.run(suns.as_deref(), &attendant))??;
+    let (rows, light) = found.ok_or_else(interrupted)?;
+    let light = light.map(|light| (light, suns.map_or(0, |suns| suns.len())));
+    Sky::object(py, request.division, rows, None, light)
 }
+
+/// Directions towards suns, of length 1.
+fn directions(given: &Bound<'_, PyAny>) -> PyResult<Vec<DVec3>> {
+    let suns = numbers::points(given, "suns")?.into_iter().enumerate();
+    let direction = |(sun, towards): (usize, [f64; 3])| {
+        DVec3::from_array(towards).try_normalize().ok_or_else(|| {
+            errors::input(format!(
+                "sun {sun} of `suns` is {towards:?}, which points nowhere; a direction towards it is needed"
+            ))
+        })
+    };
+    suns.map(direction).collect()
+}
+
+/// Rows of patches, and suns, through portals.
+struct Task<'a> {
+    scene: &'a Scene,
+    /// With images.
+    model: &'a Model,
+    request: &'a Request,
+    portals: &'a Portals,
+}
+
+impl Task<'_> {
+    /// Rows, and the light of suns; `None` where interrupted.
+    fn run(
+        &self,
+        suns: Option<&[DVec3]>,
+        attendant: &Attendant<'_, (usize, usize)>,
+    ) -> PyResult<Option<(Vec<SkyRow>, Option<Vec<f32>>)>> {
+        let Self { scene, request, .. } = *self;
+        let per_edge = request.options.samples_per_edge;
+        let rows: Vec<(InputPatch, u32)> = scene.patches.iter().map(|patch| (patch, per_edge)).collect();
+        let none = Specular::none(&scene.patches);
+        let glazed = Glazed {
+            division: &request.division,
+            horizon: request.horizon,
+            specular: self.portals.specular.as_ref().unwrap_or(&none),
+            images: self.portals.images.as_ref(),
+        };
+        let backend = request.open()?;
+        let mut tell = |done| attendant.tell((done, rows.len()));
+        let found = if self.portals.specular.is_some() {
+            sky_through_portals(self.model, &rows, glazed, request.options, backend, &mut tell)
+        } else {
+            let (division, horizon) = (&request.division, request.horizon);
+            sky_of_patches(
+                self.model,
+                &rows,
+                division,
+                horizon,
+                request.options,
+                backend,
+                &mut tell,
+            )
+        };
+        let Some(found) = found.map_err(|error| errors::compute(&error))? else {
+            return Ok(None);
+        };
+        let Some(suns) = suns else {
+            return Ok(Some((found, None)));
+        };
+        let patches: Vec<InputPatch> = scene.patches.iter().collect();
+        let mut light = Vec::with_capacity(patches.len() * suns.len());
+        // A few at a time, so that it can be interrupted; each time costs a look at all patches.
+        let at_once = (RAYS_AT_ONCE / suns.len().max(1)).max(patches.len() / 64).max(1);
+        for patches in patches.chunks(at_once) {
+            if !attendant.tell((rows.len(), rows.len())) {
+                return Ok(None);
+            }
+            let threads = request.options.threads;
+            light.extend(sunlight(self.model, patches, suns, glazed, SUN_POINTS, threads));
+        }
+        Ok(Some((found, Some(light))))
+    }
+}
+
+/// Pairs of patch and sun between two looks for an interrupt.
+const RAYS_AT_ONCE: usize = 1 << 16;
 
 /// Warns of points that are not in the open, by their numbers.
 pub(crate) fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoint], horizon: Horizon) -> PyResult<()> {
@@ -265,7 +394,8 @@ pub(crate) fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoin
 }
 
 /// Views of the sky from free points: measurements, people, points of a façade. `positions` and `normals` are (m, 3),
-/// in the scene's coordinates. Otherwise as `sky`; points are refined by hemicubes of twice the resolution.
+/// in the scene's coordinates. Otherwise as `sky`, without portals (`points` goes through them); points are refined by
+/// hemicubes of twice the resolution.
 #[pyfunction]
 #[pyo3(signature = (
     scene, positions, normals, *, division="tregenza", up=None, north=0.0, tolerance=None, resolution=256,
@@ -324,5 +454,5 @@ pub(crate) fn sky_of_points(
         .into_iter()
         .map(|row| (row.patches, row.sky))
         .unzip();
-    Sky::object(py, request.division, rows, Some((seen, scene.patches.len())))
+    Sky::object(py, request.division, rows, Some((seen, scene.patches.len())), None)
 }

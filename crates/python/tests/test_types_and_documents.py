@@ -37,15 +37,18 @@ def test_typed_programs_are_checked_strictly(tmp_path: pathlib.Path) -> None:
         "factors: csr_matrix = matrix.to_scipy()\n"
         "for patch, columns, values in matrix:\n"
         "    print(patch + 1, columns.dtype, values.sum())\n"
+        "bands: dict[str, hemicube.Matrix] = hemicube.compute(scene, band=['light', 'heat'])\n"
+        "print(bands['light'].passed, hemicube.compute(scene, band='light').passed)\n"
         "print(hemicube.solve(matrix, 0.5, 1.0).radiosity.mean(), hemicube.sky(scene).view_factors)\n"
     )
     run("-m", "mypy", "--strict", "--disable-error-code=import-untyped", right, at=tmp_path)
     wrong = tmp_path / "wrong.py"
-    wrong.write_text("import hemicube\nhemicube.compute(3, tolerance='1%')\n")
+    wrong.write_text("import hemicube\nhemicube.sky(3, tolerance='1%')\nhemicube.compute(3, tolerance='1%')\n")
     ended = subprocess.run(
         [sys.executable, "-m", "mypy", "--strict", wrong], capture_output=True, text=True, check=False, cwd=tmp_path
     )
     assert ended.returncode == 1 and ended.stdout.count("[arg-type]") == 2, ended.stdout
+    assert ended.stdout.count("[call-overload]") == 1, ended.stdout
 
 
 def test_everything_public_is_documented() -> None:

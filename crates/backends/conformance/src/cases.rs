@@ -4,7 +4,7 @@ use crate::compare::{
     Verdict, bytes_bounded, counted, culled, emitter_unseen, pixels_near, rows_near, same_reduction, same_rows,
     tiny_count, tiny_found, unoccluded,
 };
-use crate::passes::near_rays;
+use crate::passes::{near_rays, some_near_rays};
 use crate::scenes::TestScene;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
@@ -18,6 +18,8 @@ use std::str::FromStr;
 const RESOLUTION: u32 = 64;
 /// Pixels along an edge, for cases with one.
 const REFERENCE_RESOLUTION: u32 = 256;
+/// Pixels along an edge of further passes: the fewest, no powers of two, and those of `compute` by default.
+const PASS_RESOLUTIONS: [u32; 5] = [16, 48, 80, 128, 256];
 /// A resolution with many sub-pixel patches.
 const COARSE: u32 = 16;
 /// Share of the pixels that may differ from the reference. Drivers snap corners to 1/256 of a pixel, so that pixels on
@@ -287,12 +289,24 @@ impl Subject<'_> {
                 if !can.passes {
                     return not_claimed("passes through portals");
                 }
-                self.load(settings)?;
-                let (model, hemicubes) = (self.model, self.hemicubes);
-                held(near_rays(self.backend, model, hemicubes, RESOLUTION)?)
+                self.passes(settings)
             }
             Check::Refusals => held(self.refusals(settings)?),
         }
+    }
+
+    /// Compares passes with rays, at one resolution thoroughly and at others in some pixels.
+    fn passes(&mut self, settings: RenderSettings) -> Result<Outcome, String> {
+        let (model, hemicubes) = (self.model, self.hemicubes);
+        let mut count = 0;
+        for resolution in PASS_RESOLUTIONS {
+            self.load(RenderSettings { resolution, ..settings })?;
+            let found = some_near_rays(self.backend, model, &hemicubes[0], resolution);
+            count += found.map_err(|wrong| format!("at resolution {resolution}: {wrong}"))?;
+        }
+        self.load(settings)?;
+        let found = near_rays(self.backend, model, hemicubes, settings.resolution)?;
+        held(format!("{found}; {count} at other resolutions"))
     }
 
     /// Opens another session on the scene.

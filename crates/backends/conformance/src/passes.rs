@@ -12,6 +12,8 @@ const EDGE: f64 = 1.0 / 64.0;
 const DEPTH_SLACK: f64 = 1.0 / 262_144.0;
 /// Open pixels that may show another side because of that, in parts of all; two may in any case.
 const MOST_BESIDE: f64 = 0.01;
+/// Pixels along an edge of which each has its ray, at resolutions beside the first.
+const FEW: u32 = 48;
 
 /// A pass with a mask of its own.
 struct Masked {
@@ -24,6 +26,12 @@ struct Masked {
 }
 
 impl Masked {
+    /// Returns whether few pixels are open.
+    fn is_stray(&self) -> bool {
+        let open: usize = self.open.iter().map(|word| word.count_ones() as usize).sum();
+        open * 16 < self.open.len() * 32
+    }
+
     fn pass(&self) -> Pass<'_> {
         Pass {
             origin: self.origin,
@@ -293,6 +301,28 @@ fn edge_share(found: &Items, geometry: &Geometry, pass: &Pass<'_>, resolution: u
         return Err(format!("{beside} of {open} open pixels show the other side of an edge"));
     }
     Ok(share)
+}
+
+/// Compares passes of one hemicube with rays: those of stray pixels, and where there are few pixels all. Returns their
+/// number. The scene is loaded at `resolution`.
+///
+/// # Errors
+/// The first pass that is off.
+pub(crate) fn some_near_rays(
+    backend: &mut dyn HemicubeBackend,
+    model: &Model,
+    hemicube: &Hemicube,
+    resolution: u32,
+) -> Result<usize, String> {
+    let mut found = passes(model, hemicube, resolution);
+    found.retain(|masked| resolution <= FEW || masked.is_stray());
+    for masked in &found {
+        let pass = masked.pass();
+        let items = backend.pass(&pass);
+        let items = items.map_err(|error| format!("{}: `pass` failed: {error}", masked.what))?;
+        edge_share(&items, model.geometry(), &pass, resolution).map_err(|wrong| format!("{}: {wrong}", masked.what))?;
+    }
+    Ok(found.len())
 }
 
 /// Compares passes with rays, and asks for some against the contract. The scene is loaded at `resolution`.

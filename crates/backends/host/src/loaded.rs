@@ -35,6 +35,8 @@ const GUARD: usize = 16;
 const GUARD_WORD: u32 = 0x48C3_9E5B;
 /// The contents of outputs before a call: no row and no weight.
 const NOTHING: u32 = u32::MAX;
+/// The contents of a pixel before a call: no patch, and neither escaped nor blocked.
+const UNWRITTEN: u32 = u32::MAX - 0x48C3;
 
 /// Ends the process after a write past an array's end: nothing in memory can be relied on.
 fn overrun(library: &Library, array: &str, call: &str) -> ! {
@@ -159,6 +161,13 @@ impl<T: Word> Array<T> {
         self.length = length;
         self.used = 0;
         self.all.as_mut_ptr()
+    }
+
+    /// Likewise, with all of them filled with `value`.
+    fn prepare_with(&mut self, length: usize, value: T) -> *mut T {
+        let out = self.prepare(length);
+        self.all[..length].fill(value);
+        out
     }
 
     /// Returns the first `used` values, written by the plugin on its own account.
@@ -411,6 +420,9 @@ impl LoadedBackend {
         let legal = |&item: &u32| item < patch_count || item == Items::BLOCKED || item == Items::ESCAPED;
         match items.seen.iter().position(|item| !legal(item)) {
             None => Ok(items),
+            Some(place) if items.seen[place] == UNWRITTEN => {
+                Err(self.defect(format!("pixel {place} of an item buffer was not written")))
+            }
             Some(place) => Err(self.defect(format!(
                 "pixel {place} shows patch {} of a scene of {patch_count} patches",
                 items.seen[place]
@@ -604,7 +616,7 @@ impl HemicubeBackend for LoadedBackend {
         };
         let raw = raw_hemicube(hemicube);
         let pixels = pixel_count(resolution);
-        let out = self.items.prepare(pixels);
+        let out = self.items.prepare_with(pixels, UNWRITTEN);
         // SAFETY: a function of the table, with its own session; there is room for the whole atlas.
         let call = |session, error| unsafe { items(session, &raw const raw, out, error) };
         let result = self.call("items", Box::new(call));
@@ -636,7 +648,7 @@ impl HemicubeBackend for LoadedBackend {
             open: pass.open.as_ptr(),
         };
         let pixels = pixel_count(resolution);
-        let out = self.items.prepare(pixels);
+        let out = self.items.prepare_with(pixels, UNWRITTEN);
         // SAFETY: a function of the table, with its own session; the mask is as long as the pass says, and there is
         // room for the whole atlas.
         let call = |session, error| unsafe { draw(session, &raw const raw, out, error) };

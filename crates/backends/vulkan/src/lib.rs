@@ -111,6 +111,10 @@ struct Loaded {
     sync: Sync,
     stages: Stages,
     scene: Scene,
+    /// First depths of passes; made by the first.
+    first_depths: Option<Buffer>,
+    /// A copy of the item buffer for the host; made by the first.
+    items_copy: Option<Buffer>,
     gpu: Arc<Gpu>,
 }
 
@@ -304,6 +308,8 @@ impl Loaded {
             sync: Sync::new(gpu, marks)?,
             stages,
             scene,
+            first_depths: None,
+            items_copy: None,
             gpu: Arc::clone(gpu),
         })
     }
@@ -446,21 +452,25 @@ impl Loaded {
         self.read_items()
     }
 
-    fn pass(&self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
         let n = self.settings.resolution;
+        let depths = match self.first_depths.take() {
+            Some(depths) => depths,
+            None => Buffer::new(
+                &self.gpu,
+                "the first depths of a pass",
+                pixel_count(n) as u64 * 4,
+                Place::Up,
+                vk::BufferUsageFlags::TRANSFER_SRC,
+            )?,
+        };
+        let depths = self.first_depths.insert(depths);
         let upload = &self.scene.upload;
         // No submission is under way.
         let frame = &self.scene.frames[0];
         frame
             .views
             .write(0, pass_views(&self.geometry, upload, pass, n).as_flattened())?;
-        let depths = Buffer::new(
-            &self.gpu,
-            "the first depths of a pass",
-            pixel_count(n) as u64 * 4,
-            Place::Up,
-            vk::BufferUsageFlags::TRANSFER_SRC,
-        )?;
         let words: Vec<u32> = first_depths(pass, n).into_iter().map(f32::to_bits).collect();
         depths.write(0, &words)?;
         let draws = draws(upload, pass, n);
@@ -472,16 +482,19 @@ impl Loaded {
     }
 
     /// Reads the item buffer of the first layer.
-    fn read_items(&self) -> Result<Items, BackendError> {
+    fn read_items(&mut self) -> Result<Items, BackendError> {
         let n = self.settings.resolution;
-        let bytes = pixel_count(n) as u64 * 4;
-        let copy = Buffer::new(
-            &self.gpu,
-            "a copy of the item buffer",
-            bytes,
-            Place::Down,
-            vk::BufferUsageFlags::TRANSFER_DST,
-        )?;
+        let copy = match self.items_copy.take() {
+            Some(copy) => copy,
+            None => Buffer::new(
+                &self.gpu,
+                "a copy of the item buffer",
+                pixel_count(n) as u64 * 4,
+                Place::Down,
+                vk::BufferUsageFlags::TRANSFER_DST,
+            )?,
+        };
+        let copy = self.items_copy.insert(copy);
         let region = [vk::BufferImageCopy::default()
             .image_subresource(
                 vk::ImageSubresourceLayers::default()

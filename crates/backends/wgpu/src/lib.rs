@@ -45,7 +45,7 @@ use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, submission_views};
 use hemicube_shaders::{Cull, Goal, Plan, Recording, Upload};
 use options::Options;
-use reduce::{Side, Stages};
+use reduce::{FirstDepths, Side, Stages};
 use render::{Group, Recorder, Scene, view_bytes};
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -134,6 +134,10 @@ struct Loaded {
     /// True if the device's marks of drawn chunks are all 1.
     all_marked: bool,
     times: StageTimes,
+    /// First depths of passes, and their binding; made by the first.
+    first_depths: Option<FirstDepths>,
+    /// A copy of the item buffer for the host; made by the first.
+    items_copy: Option<wgpu::Buffer>,
 }
 
 impl Session {
@@ -202,6 +206,8 @@ impl Session {
         let side = || self.side(&loaded.store, &loaded.plan, &loaded.upload);
         if let (Ok(first), Ok(second)) = (side(), side()) {
             loaded.sides = [first, second];
+            // It may be on its way to the host.
+            loaded.items_copy = None;
             self.loaded = Some(loaded);
         }
     }
@@ -311,7 +317,7 @@ impl Loaded {
         self.read_items(device, encoder)
     }
 
-    fn pass(&self, device: &Device, stages: &Stages, pass: &Pass<'_>) -> Result<Items, BackendError> {
+    fn pass(&mut self, device: &Device, stages: &Stages, pass: &Pass<'_>) -> Result<Items, BackendError> {
         let n = self.plan.resolution;
         let scene = Scene {
             device,
@@ -321,34 +327,37 @@ impl Loaded {
             upload: &self.upload,
         };
         let depths = first_depths(pass, n).into_iter().map(f32::to_bits);
-        let bound = reduce::bind_pass(&scene, &conv::to_bytes(depths));
+        let first = self.first_depths.get_or_insert_with(|| FirstDepths::new(&scene));
+        device.queue.write_buffer(&first.depths, 0, &conv::to_bytes(depths));
         let mut encoder = device
             .raw
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         // No submission is under way.
         let side = &self.sides[0];
         let draws = draws(&self.upload, pass, n);
-        scene.draw_pass(&mut encoder, &side.view_group, &bound, &draws);
+        scene.draw_pass(&mut encoder, &side.view_group, &first.bound, &draws);
         let (_, drawn) = view_bytes(&pass_views(&self.geometry, &self.upload, pass, n));
         device.queue.write_buffer(&side.drawn_views, 0, &drawn);
         self.read_items(device, encoder)
     }
 
     /// Sends commands, and reads the item buffer of the first layer after them.
-    fn read_items(&self, device: &Device, mut encoder: wgpu::CommandEncoder) -> Result<Items, BackendError> {
+    fn read_items(&mut self, device: &Device, mut encoder: wgpu::CommandEncoder) -> Result<Items, BackendError> {
         let n = self.plan.resolution;
         let pitch = (4 * n).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let bytes = u64::from(pitch) * 3 * u64::from(n);
-        let copy = device.raw.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("an item buffer"),
-            size: bytes,
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
+        let copy = self.items_copy.get_or_insert_with(|| {
+            device.raw.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("an item buffer"),
+                size: bytes,
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
         });
         encoder.copy_texture_to_buffer(
             self.store.items.texture.as_image_copy(),
             wgpu::TexelCopyBufferInfo {
-                buffer: &copy,
+                buffer: copy,
                 layout: wgpu::TexelCopyBufferLayout {
                     offset: 0,
                     bytes_per_row: Some(pitch),
@@ -362,7 +371,7 @@ impl Loaded {
             },
         );
         let submission = device.queue.submit([encoder.finish()]);
-        let words = reduce::read(device, &copy, bytes, submission)?;
+        let words = reduce::read(device, copy, bytes, submission)?;
         let rows = words.chunks_exact(pitch as usize / 4);
         let ids = rows.flat_map(|row| row[..n as usize].iter().copied());
         Ok(output::items(ids, self.upload.patch_count, n))
@@ -399,6 +408,8 @@ impl HemicubeBackend for Session {
             stamp: FIRST_STAMP,
             all_marked: false,
             times: StageTimes::default(),
+            first_depths: None,
+            items_copy: None,
         });
         Ok(())
     }
@@ -456,7 +467,7 @@ impl HemicubeBackend for Session {
 
     fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
         self.device.check()?;
-        let loaded = self.loaded.as_ref().ok_or_else(not_loaded)?;
+        let loaded = self.loaded.as_mut().ok_or_else(not_loaded)?;
         pass.check(loaded.plan.resolution)?;
         let items = loaded.pass(&self.device, &self.stages, pass);
         if items.is_err() {

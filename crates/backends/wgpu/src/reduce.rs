@@ -9,6 +9,7 @@ use crate::device::{Compiler, Device};
 use crate::render::{COVER, Clock, Group, MOST_STAMPS, PASS, Recorder, Rendering, Scene, scene_stages, view_size};
 use crate::upload::TWICE;
 use hemicube_contract::backend::{BackendError, Counters, StageTimes};
+use hemicube_contract::face::pixel_count;
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::recording::compute_stages;
@@ -17,7 +18,6 @@ use hemicube_shaders::{Action, Cull, Edges, Plan, Recording, Step};
 use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Instant;
-use wgpu::util::DeviceExt;
 use wgpu::{
     BindGroup, BindGroupLayout, BindingResource, Buffer, BufferUsages, ComputePass, ComputePipeline, MapMode,
     SubmissionIndex,
@@ -102,26 +102,36 @@ pub(crate) struct Groups {
     pub(crate) cover: BindGroup,
 }
 
-/// Binds group 1 of a pass: the settings, and its first depths.
-pub(crate) fn bind_pass(scene: &Scene<'_>, depths: &[u8]) -> BindGroup {
-    let device = &scene.device.raw;
-    let depths = device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some("the first depths of a pass"),
-        contents: depths,
-        usage: BufferUsages::STORAGE,
-    });
-    let entries = conv::bindings(&PASS).into_iter().map(|binding| wgpu::BindGroupEntry {
-        binding,
-        resource: match binding {
-            b::DEPTH_COPY => depths.as_entire_binding(),
-            _ => scene.store.buffer(binding).as_entire_binding(),
-        },
-    });
-    device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("pass"),
-        layout: &scene.stages.rendering.pass_layout,
-        entries: &entries.collect::<Vec<_>>(),
-    })
+/// The first depths of passes, written before each.
+pub(crate) struct FirstDepths {
+    pub(crate) depths: Buffer,
+    /// Group 1 of a pass: the settings, and these.
+    pub(crate) bound: BindGroup,
+}
+
+impl FirstDepths {
+    pub(crate) fn new(scene: &Scene<'_>) -> Self {
+        let device = &scene.device.raw;
+        let depths = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("the first depths of a pass"),
+            size: 4 * pixel_count(scene.plan.resolution) as u64,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let entries = conv::bindings(&PASS).into_iter().map(|binding| wgpu::BindGroupEntry {
+            binding,
+            resource: match binding {
+                b::DEPTH_COPY => depths.as_entire_binding(),
+                _ => scene.store.buffer(binding).as_entire_binding(),
+            },
+        });
+        let bound = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("pass"),
+            layout: &scene.stages.rendering.pass_layout,
+            entries: &entries.collect::<Vec<_>>(),
+        });
+        Self { depths, bound }
+    }
 }
 
 /// One of two sets of buffers: the rows of one are read back while those of the other are made.

@@ -20,6 +20,7 @@ use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{Counters, Culling, HemicubeBackend};
 use hemicube::driver::compute::{Plan, Progress, RowChoice, Summary};
+use hemicube::driver::glazing::matrix_of_band;
 use hemicube::driver::job::{
     Finished, Job, JobError, Note, Observer, OpenStore, PartListener, RowsFailed, Run, Sessions, Stage, StorePlace,
     StoreRun,
@@ -310,7 +311,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let outputs: Vec<Output> = bands
         .into_iter()
         .map(|name| Output {
-            directory: of_band(whole, &name),
+            directory: matrix_of_band(whole, &name),
             band: Some(name),
         })
         .collect();
@@ -322,17 +323,6 @@ struct Output {
     /// The band, if there are several.
     band: Option<String>,
     directory: PathBuf,
-}
-
-/// The name of a band's matrix: `room-red.hemicube` of `room.hemicube`.
-fn of_band(whole: &Path, band: &str) -> PathBuf {
-    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
-    let stem = part(whole.file_stem()).unwrap_or_default();
-    let name = match part(whole.extension()) {
-        Some(extension) => format!("{stem}-{band}.{extension}"),
-        None => format!("{stem}-{band}"),
-    };
-    whole.with_file_name(name)
 }
 
 /// Computes a matrix for each band.

@@ -21,8 +21,9 @@ use hemicube::portal::specular::SpecularRecord;
 use hemicube::portal::{Images, Specular};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
-    Glazed, Horizon, LEVELS, PointRow, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along, rows_of_points,
-    sky_of_groups, sky_of_patches, sky_through_portals, sunlight, write_points, write_sky, write_sunlight,
+    Glazed, Horizon, LEVELS, PointRow, SUN_POINTS, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along,
+    rows_of_points, sky_of_groups, sky_of_patches, sky_through_portals, sunlight, write_points, write_sky,
+    write_sunlight,
 };
 use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
 use hemicube::{Grouping, InputPatch};
@@ -39,8 +40,6 @@ use std::time::Instant;
 const RESOLUTION: u32 = 256;
 /// A path ends where no more than this share of it is left.
 const BOUND: f64 = 1e-4;
-/// n: rays to the sun start from n² points of a patch.
-const SUN_POINTS: u32 = 4;
 
 /// Files in the output directory.
 pub(crate) const FILES: [&str; 4] = ["sky.npz", "sky.json", "points-sky.npz", "sunlight.npy"];

@@ -24,6 +24,7 @@ use crate::portal::{Law, Optics};
 use hemicube_scene::{Gloss, Scene};
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 /// Why tables tell no mirrors and panes: a sentence, and the next step.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -208,6 +209,17 @@ impl Glazing {
 
 /// Most bands: a matrix each.
 const BANDS_MAX: usize = 64;
+
+/// The name of a band's matrix: `room-red.hemicube` of `room.hemicube`.
+pub fn matrix_of_band(whole: &Path, band: &str) -> PathBuf {
+    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
+    let stem = part(whole.file_stem()).unwrap_or_default();
+    let name = match part(whole.extension()) {
+        Some(extension) => format!("{stem}-{band}.{extension}"),
+        None => format!("{stem}-{band}"),
+    };
+    whole.with_file_name(name)
+}
 
 /// The laws of a scene's own materials ([`Gloss`]), read with its optics. Colours are averaged.
 pub fn laws_of_scene(scene: &Scene) -> Vec<Option<Law>> {

@@ -13,8 +13,7 @@
 use crate::accuracy::correct::Correction;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{
-    self, Band, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary,
-    compute as compute_rows, compute_bands,
+    self, Band, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute_bands,
 };
 use crate::driver::input::SceneInput;
 use crate::driver::level::{Asked, Level, LevelError, Rows};
@@ -24,7 +23,7 @@ use crate::driver::settings::RowSettings;
 use crate::driver::storage_policy::StoragePolicy;
 use crate::portal::{Images, Portals};
 use crate::store::{
-    Error as StoreError, Form, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter, optics_of,
+    Error as StoreError, Form, Header, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter, optics_of,
 };
 use crate::{Grouping, Model, PatchKind};
 use hemicube_scene::{InputPatch, Patches};
@@ -656,11 +655,50 @@ impl<'m> Run<'m> {
         Ok(self)
     }
 
+    /// Headers of the matrices, this run's and those of further bands.
+    ///
+    /// # Errors
+    /// Those of [`RowSettings::header`].
+    pub fn headers(&self, scene: &SceneInput) -> Result<Vec<Header>, StoreError> {
+        let first = (&self.settings, &self.plan);
+        let further = self.bands.iter().map(|(settings, plan)| (settings, plan));
+        let all = std::iter::once(first).chain(further);
+        all.map(|(settings, plan)| self.header(settings, plan, scene)).collect()
+    }
+
+    fn header(&self, settings: &RowSettings, plan: &Plan, scene: &SceneInput) -> Result<Header, StoreError> {
+        settings.header(scene, self.patches(plan), &scene.file, plan, self.backend.info())
+    }
+
+    /// The patches of the scene given, without images.
+    fn patches<'p>(&'p self, plan: &'p Plan) -> &'p Patches {
+        let images = plan.portals.images.as_ref();
+        images.map_or_else(|| self.model.patches(), Images::cell)
+    }
+
     /// Computes the rows of the plan, without further bands, and hands their parts to `sink`.
     ///
     /// # Errors
-    /// Those of [`compute`](compute_rows).
-    pub fn compute(self, sink: &mut dyn PartSink, observer: &dyn Observer) -> Result<Summary, ComputeError> {
+    /// Those of [`compute`](compute::compute).
+    pub fn compute(mut self, sink: &mut dyn PartSink, observer: &dyn Observer) -> Result<Summary, ComputeError> {
+        self.bands.clear();
+        let summaries = self.compute_bands(&mut [sink], observer)?;
+        summaries.into_iter().next().ok_or(ComputeError::Cancelled)
+    }
+
+    /// [`Self::compute`] for this run and its further bands, a sink each.
+    ///
+    /// # Errors
+    /// As for [`Self::compute`].
+    ///
+    /// # Panics
+    /// When sinks are not as many as bands, the first included.
+    pub fn compute_bands(
+        self,
+        sinks: &mut [&mut dyn PartSink],
+        observer: &dyn Observer,
+    ) -> Result<Vec<Summary>, ComputeError> {
+        assert_eq!(sinks.len(), self.bands.len() + 1, "a sink for each band");
         let stage = Stage::Rows {
             row_count: self.plan.elements_of(self.plan.wanted()),
             resumed: 0,
@@ -672,15 +710,15 @@ impl<'m> Run<'m> {
             cancel: observer.cancel(),
         };
         let progress = &mut |progress| observer.progress(progress);
-        compute_rows(
-            self.model,
-            &self.plan,
-            self.render,
-            self.backend,
-            execution,
-            sink,
-            progress,
-        )
+        let plans = std::iter::once(&self.plan).chain(self.bands.iter().map(|(_, plan)| plan));
+        let mut bands: Vec<Band<'_>> = plans
+            .zip(sinks)
+            .map(|(plan, sink)| Band {
+                plan,
+                sink: &mut **sink,
+            })
+            .collect();
+        compute_bands(self.model, &mut bands, self.render, self.backend, execution, progress)
     }
 
     /// Makes a store for the rows, or resumes the one at `place`: its parts go to `listener`, and are not computed
@@ -745,11 +783,9 @@ impl<'m> Run<'m> {
             overwrite,
             shard,
         } = place;
-        let images = plan.portals.images.as_ref();
-        let patches = images.map_or_else(|| self.model.patches(), Images::cell);
-        let header = settings.header(scene, patches, &scene.file, &plan, self.backend.info())?;
+        let header = self.header(settings, &plan, scene)?;
         let grouping = plan.groups.as_ref().map(|groups| groups.grouping.as_ref());
-        let table = PatchTable::of(scene, patches, grouping);
+        let table = PatchTable::of(scene, self.patches(&plan), grouping);
         let (writer, resumed) = if overwrite {
             (
                 StoreWriter::create(directory, header, &table, true)?,

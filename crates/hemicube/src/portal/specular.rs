@@ -226,6 +226,17 @@ impl Specular {
         })
     }
 
+    /// No mirrors and panes, for a scene of these patches.
+    pub fn none(patches: &Patches) -> Self {
+        Self {
+            optics: vec![Optics::default(); patches.len()],
+            laws: Vec::new(),
+            law_of: Vec::new(),
+            named: BTreeMap::new(),
+            bound: 0.0,
+        }
+    }
+
     /// The optics of a patch of the cell; the mean where they depend on the angle.
     pub fn of(&self, patch: u32) -> Optics {
         self.optics.get(patch as usize).copied().unwrap_or_default()

@@ -17,6 +17,8 @@ use crate::portal::{Images, Specular};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 
+/// n: rays to a sun start from n² points of a patch.
+pub const SUN_POINTS: u32 = 4;
 /// Parts of a pixel's unit of weight in paths through portals.
 const FINE: u64 = 1 << 10;
 

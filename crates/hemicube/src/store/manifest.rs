@@ -322,9 +322,33 @@ fn option(name: &str, value: &Value) -> String {
 
 /// Names the settings that differ, by their options. Settings of other programs have their path as a name.
 fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) {
+    // Options of portals are those of a run, and without any the record is missing.
+    let none = serde_json::json!({});
+    let or_none = |value: &'_ Value| matches!((name, value), ("portals", Value::Null));
+    let theirs = if or_none(theirs) { &none } else { theirs };
+    let ours = if or_none(ours) { &none } else { ours };
+    let name = match name.strip_prefix("portals.").unwrap_or(name) {
+        "specular.bound" => "specular-bound",
+        name => name,
+    };
     match (theirs, ours) {
         // They follow from the tolerance and the scene.
         _ if matches!(name, "reason" | "elements") => {}
+        (Value::Object(theirs), Value::Object(ours)) if name == "specular.surfaces" => {
+            let names: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();
+            let others = names.into_iter().filter(|&name| theirs.get(name) != ours.get(name));
+            let others: Vec<String> = others.map(|name| format!("`{name}`")).collect();
+            if !others.is_empty() {
+                found.push(format!(
+                    "it was computed with another `--specular`, of {}",
+                    others.join(", ")
+                ));
+            }
+        }
+        (Value::Object(_), Value::Null) | (Value::Null, Value::Object(_)) if name == "specular" => {
+            let [theirs, ours] = [theirs, ours].map(|value| if value.is_null() { "without" } else { "with" });
+            found.push(format!("it was computed {theirs} `--specular`, and here it is {ours}"));
+        }
         (Value::Object(theirs), Value::Object(ours)) if !matches!(name, "subdivision" | "rows") => {
             let keys: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();
             for key in keys {
@@ -416,8 +440,11 @@ impl Manifest {
         let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
         };
-        // The kind of the patches decides it, and is among the settings.
-        if self.version != other.version && self.patch_kind() == other.patch_kind() && self.form == other.form {
+        // Kinds of patches, forms and portals decide it, and are named below.
+        let is_version_asked_for = self.patch_kind() != other.patch_kind()
+            || self.form != other.form
+            || names_portals(&self.settings) != names_portals(&other.settings);
+        if self.version != other.version && !is_version_asked_for {
             return of("format's version", &self.version, &other.version);
         }
         if self.program != other.program {

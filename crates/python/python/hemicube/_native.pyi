@@ -1,6 +1,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal, final
+from typing import Any, Literal, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -272,6 +272,8 @@ class Sky(Views):
     @property
     def view_factors(self) -> _Floats: ...
     @property
+    def sunlight(self) -> NDArray[np.float32] | None: ...
+    @property
     def solid_angles(self) -> _Floats: ...
     def to_scipy(self) -> csr_matrix: ...
     def patches_to_scipy(self) -> csr_matrix | None: ...
@@ -298,6 +300,7 @@ class Points(Views):
         backs: float | None = None,
     ) -> _Floats: ...
 
+@overload
 def compute(
     scene: Scene,
     *,
@@ -331,7 +334,44 @@ def compute(
     sector: tuple[str, int] | None = None,
     periodic: Mapping[str, tuple[float, float]] = ...,
     repeats: int | None = None,
+    band: str | None = None,
 ) -> Matrix: ...
+@overload
+def compute(
+    scene: Scene,
+    *,
+    tolerance: float | None = None,
+    correction: Literal["pixel", "point", "area"] | None = None,
+    resolution: int | None = None,
+    samples: int | None = None,
+    rotation: bool = True,
+    rows: tuple[int, int] | None = None,
+    sample_rows: int | None = None,
+    seed: int = 1,
+    emitters: Sequence[str] = ...,
+    receivers: Sequence[str] = ...,
+    occluders: Sequence[str] = ...,
+    patches: Literal["triangle", "face", "object", "material"] | None = None,
+    min_factor: float | None = None,
+    output: _Path | None = None,
+    store: Literal["plain", "compact", "double"] | None = None,
+    overwrite: bool = False,
+    backend: str = "cpu",
+    backend_dir: _Path | None = None,
+    backend_options: Mapping[str, str] | None = None,
+    engine: Literal["auto", "depth", "order", "claims"] = "auto",
+    culling: bool | None = None,
+    batch: int = 0,
+    threads: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+    specular: Mapping[str, object] | None = None,
+    specular_bound: float | None = None,
+    symmetry: Mapping[str, float] = ...,
+    sector: tuple[str, int] | None = None,
+    periodic: Mapping[str, tuple[float, float]] = ...,
+    repeats: int | None = None,
+    band: list[str],
+) -> dict[str, Matrix]: ...
 def open(path: _Path) -> Matrix: ...
 def solve(
     matrix: Matrix,
@@ -387,6 +427,14 @@ def sky(
     engine: Literal["auto", "depth", "order", "claims"] = "auto",
     threads: int = 0,
     progress: Callable[[int, int], object] | None = None,
+    suns: ArrayLike | None = None,
+    specular: Mapping[str, object] | None = None,
+    specular_bound: float | None = None,
+    symmetry: Mapping[str, float] = ...,
+    sector: tuple[str, int] | None = None,
+    periodic: Mapping[str, tuple[float, float]] = ...,
+    repeats: int | None = None,
+    band: str | None = None,
 ) -> Sky: ...
 def sky_of_points(
     scene: Scene,
@@ -427,6 +475,7 @@ def points(
     sector: tuple[str, int] | None = None,
     periodic: Mapping[str, tuple[float, float]] = ...,
     repeats: int | None = None,
+    band: str | None = None,
 ) -> Points: ...
 def _triangles_of(
     points: ArrayLike, corners: ArrayLike, ends: ArrayLike

@@ -1,16 +1,18 @@
 //! A backend with faults: the kind, and the call of `rows` from which it shows, are in its options,
 //! `fault=NAME,after=CALLS`.
 //!
-//! Without a fault it is legal and sees nothing. Panics come from the safe side, through the adapter of every backend
+//! Without a fault it is legal and sees nothing. With one that begins with `pass-` it sees what the built-in backend
+//! does, and draws passes by a ray a pixel. Panics come from the safe side, through the adapter of every backend
 //! in Rust; all other faults change the table's arrays afterwards, as a backend in C might.
 
 use hemicube_abi::contract::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, RenderSettings, WHOLE,
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, WHOLE,
 };
-use hemicube_abi::contract::face::{Items, pixel_count};
+use hemicube_abi::contract::face::{Face, Items, pixel_count};
 use hemicube_abi::contract::row::RowBlock;
-use hemicube_abi::types::{HcBackend, HcError, HcHemicube, HcHost, HcRows, HcSession, HcStatus};
+use hemicube_abi::types::{HcBackend, HcError, HcHemicube, HcHost, HcPass, HcRows, HcSession, HcStatus};
 use hemicube_abi::{Device, DeviceKind, Log, Options, Plugin};
+use hemicube_backend_cpu::CpuBackend;
 use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,6 +24,11 @@ struct Faulty {
     calls: u64,
     pixels: usize,
     log: Log,
+    /// What sees, and what it sees.
+    seeing: Option<(CpuBackend, Option<Arc<Geometry>>)>,
+    resolution: u32,
+    /// The last pass.
+    before: Option<Items>,
 }
 
 /// The fault, and the number of calls before it.
@@ -43,6 +50,7 @@ impl Plugin for Faulty {
             capabilities: Capabilities {
                 items: true,
                 covered: true,
+                passes: true,
                 ..Capabilities::default()
             },
             max_resolution: 1024,
@@ -68,10 +76,13 @@ impl Plugin for Faulty {
             .clone_from(&fault);
         Ok(Self {
             info: Self::devices()?[device as usize].info::<Self>(),
+            seeing: fault.name.starts_with("pass-").then(|| (CpuBackend::new(), None)),
             fault,
             calls: 0,
             pixels: 0,
             log,
+            resolution: 0,
+            before: None,
         })
     }
 }
@@ -81,9 +92,14 @@ impl HemicubeBackend for Faulty {
         &self.info
     }
 
-    fn load(&mut self, _: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+    fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
         assert!(self.fault.name != "panic-in-load", "the scene is ugly");
         self.pixels = pixel_count(settings.resolution);
+        self.resolution = settings.resolution;
+        if let Some((backend, seen)) = &mut self.seeing {
+            *seen = Some(Arc::clone(geometry));
+            backend.load(geometry, settings)?;
+        }
         Ok(())
     }
 
@@ -108,6 +124,9 @@ impl HemicubeBackend for Faulty {
                 _ => {}
             }
         }
+        if let Some((backend, _)) = &mut self.seeing {
+            return backend.rows(hemicubes, out);
+        }
         self.log.debug("nothing is seen");
         hemicubes.iter().for_each(|_| out.end_row(WHOLE, 0));
         Ok(Counters {
@@ -116,12 +135,105 @@ impl HemicubeBackend for Faulty {
         })
     }
 
-    fn items(&mut self, _: &Hemicube) -> Result<Items, BackendError> {
-        Ok(Items {
-            resolution: 0,
-            seen: vec![Items::ESCAPED; self.pixels],
-        })
+    fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
+        match &mut self.seeing {
+            Some((backend, _)) => backend.items(hemicube),
+            None => Ok(Items {
+                resolution: 0,
+                seen: vec![Items::ESCAPED; self.pixels],
+            }),
+        }
     }
+
+    fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
+        let Some((_, Some(geometry))) = &self.seeing else {
+            return Ok(Items {
+                resolution: 0,
+                seen: vec![Items::ESCAPED; self.pixels],
+            });
+        };
+        let all = vec![u32::MAX; self.pixels / 32];
+        let drawn = match self.fault.name.as_str() {
+            "pass-ignores-mask" => Pass { open: &all, ..*pass },
+            "pass-ignores-plane" => Pass { offset: -1e9, ..*pass },
+            _ => *pass,
+        };
+        let mut items = by_rays(geometry, &drawn, self.resolution);
+        match self.fault.name.as_str() {
+            "pass-wrong-pixel" => {
+                // Amid others that show the same, so that no edge tells them apart.
+                let row = self.resolution as usize;
+                let is_amid = |at: usize| {
+                    let near = [
+                        at - row - 1,
+                        at - row,
+                        at - row + 1,
+                        at - 1,
+                        at + 1,
+                        at + row - 1,
+                        at + row,
+                        at + row + 1,
+                    ];
+                    pass.is_open(at) && near.iter().all(|&near| items.seen[near] == items.seen[at])
+                };
+                let places = row + 1..row * row - row - 1;
+                if let Some(at) = places.into_iter().find(|&at| is_amid(at)) {
+                    items.seen[at] = u32::from(items.seen[at] == 0);
+                }
+            }
+            "pass-out-of-range" => {
+                if let Some(at) = (0..self.pixels).rev().find(|&at| pass.is_open(at)) {
+                    items.seen[at] = geometry.patch_count;
+                }
+            }
+            "pass-of-before" => {
+                let now = items.clone();
+                if let Some(before) = self.before.replace(now) {
+                    return Ok(before);
+                }
+            }
+            _ => {}
+        }
+        Ok(items)
+    }
+}
+
+/// What a ray through each open pixel's centre meets beyond the plane of a pass.
+fn by_rays(geometry: &Geometry, pass: &Pass<'_>, resolution: u32) -> Items {
+    let mut seen = vec![Items::ESCAPED; pixel_count(resolution)];
+    let n = f64::from(resolution);
+    for face in Face::ALL {
+        let (places, signs) = face.axes();
+        let [u, v, w] = std::array::from_fn(|k| pass.axes[places[k]] * signs[k]);
+        let below = if face.is_top() { 1.0 } else { 0.0 };
+        for (y, x) in (0..face.rows(resolution)).flat_map(|y| (0..resolution).map(move |x| (y, x))) {
+            let pixel = ((face.first_row(resolution) + y) * resolution + x) as usize;
+            if pass.is_open(pixel) {
+                let a = 2.0 * (f64::from(x) + 0.5) / n - 1.0;
+                let b = 2.0 * (f64::from(y) + 0.5) / n - below;
+                let towards = w + u * a + v * b;
+                let mut nearest = (f64::INFINITY, Items::ESCAPED);
+                for surface in &geometry.surfaces {
+                    let heights = surface.corners.map(|corner| pass.normal.dot(corner) - pass.offset);
+                    if heights.iter().all(|&height| height <= geometry.plane_tolerance) {
+                        continue;
+                    }
+                    let [a, b, c] = surface.corners.map(|corner| corner - pass.origin);
+                    let sides = [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge.dot(towards));
+                    let volume = a.dot(b.cross(c));
+                    let distance = volume / sides.iter().sum::<f64>();
+                    let is_met = sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0);
+                    let height = pass.normal.dot(pass.origin + towards * distance) - pass.offset;
+                    if is_met && distance > 0.0 && distance < nearest.0 && height > 0.0 {
+                        let back = surface.back.map_or(Items::BLOCKED, |patch| patch.0);
+                        nearest = (distance, if volume < 0.0 { surface.front.0 } else { back });
+                    }
+                }
+                seen[pixel] = nearest.1;
+            }
+        }
+    }
+    Items { resolution, seen }
 }
 
 /// A payload panicking on drop.
@@ -144,13 +256,14 @@ static OPENING: Mutex<Fault> = Mutex::new(Fault {
 /// Faults and calls of open sessions, by address.
 static SESSIONS: Mutex<BTreeMap<usize, (Fault, u64)>> = Mutex::new(BTreeMap::new());
 
-/// The table: the safe side's, with functions of our own before three of them.
+/// The table: the safe side's, with functions of our own before four of them.
 #[allow(non_upper_case_globals, reason = "the name is part of the ABI")]
 #[unsafe(no_mangle)]
 pub static hemicube_backend: HcBackend = HcBackend {
     open: Some(open),
     rows: Some(rows),
     items: Some(items),
+    pass: Some(pass),
     ..GOOD
 };
 
@@ -279,6 +392,21 @@ unsafe extern "C" fn items(
             "item-out-of-range" => out.write(u32::MAX - 5),
             _ => {}
         }
+    }
+    status
+}
+
+unsafe extern "C" fn pass(session: *mut HcSession, raw: *const HcPass, out: *mut u32, error: *mut HcError) -> HcStatus {
+    let fault = fault_of(session);
+    if fault == "pass-unwritten" {
+        return 0;
+    }
+    let Some(good) = GOOD.pass else { return 5 };
+    // SAFETY: the host's own pointers, handed on.
+    let status = unsafe { good(session, raw, out, error) };
+    if fault == "pass-past-items" {
+        // SAFETY: a pass of the host's, and behind its item buffer of 32 pixels a word is a guard.
+        unsafe { out.add(32 * usize::try_from((*raw).word_count).unwrap_or(0)).write(1) };
     }
     status
 }
