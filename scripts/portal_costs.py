@@ -1,5 +1,7 @@
 """Costs of portals: `portal_costs.py PROGRAM [FOLDER]`; FOLDER (else a temporary one) gets the scenes and stores.
 
+`portal_costs.py PROGRAM FOLDER profile` has only what a row of the facade spends its time on, by Linux's `perf`.
+
 Scenes with images beside the whole: half a city, one of twelve sectors, a cell beside its 7 x 7 tiling; rows of the part are
 held against those of the whole. A facade of glass and rooms of mirrors beside the same without. Tubes of facets as their number
 grows. One thread; time is processor time without loading the scene (a run of one row), memory the program's own figure.
@@ -149,8 +151,8 @@ def images(program, folder):
 LEVELS = (["--correction", "pixel"], [], ["--tolerance", "1%"])
 
 
-def specular(program, folder, scene):
-    """A facade of glass, and a cube with a mirror, beside the same of walls."""
+def facade(folder, scene):
+    """A city, 10 % of whose walls are glass."""
     walls = read(scene)
     kinds = {}
     for triangle in walls:
@@ -172,6 +174,43 @@ def specular(program, folder, scene):
             area += size(walls[k])[0]
     write(folder / "facade.obj", walls, glass)
     (folder / "facade.toml").write_text("[material.glass]\nspecular = 0.1\ntransmittance = 0.7\n")
+
+
+# What functions of the program do, by a part of their names.
+STAGES = (
+    ("the item buffer", ("write_items", "take_items")),
+    ("what is seen directly", ("hemicube_backend_cpu", "hemicube_contract::row")),
+    ("windows drawn", ("hemicube::portal::window",)),
+    ("pixels found, handed on and summed", ("hemicube::portal",)),
+)
+
+
+def profile(program, folder, scene):
+    """Shares of the time of a row by pixel, through the facade's glass."""
+    facade(folder, scene)
+    line = [program, *"compute facade.obj --specular facade.toml --correction pixel --sample-rows 2000 -o all".split()]
+    record = ["perf", "record", "-q", "-F", "1500", "-o", "perf.data", *line, "--overwrite", "--threads", "1", "-q"]
+    try:
+        subprocess.run(record, cwd=folder, check=True, capture_output=True)
+    except FileNotFoundError:
+        sys.exit("there is no `perf`; Debian has it in linux-perf")
+    report = ["perf", "report", "-i", "perf.data", "--stdio", "-F", "overhead,sym", "--percent-limit", "0"]
+    text = subprocess.run(report, cwd=folder, check=True, capture_output=True, text=True).stdout
+    shares = dict.fromkeys([*(name for name, _ in STAGES), "the rest"], 0.0)
+    for line in text.splitlines():
+        share, _, symbol = line.strip().partition("%")
+        if line.startswith("#") or not symbol:
+            continue
+        found = (name for name, words in STAGES if any(word in symbol for word in words))
+        shares[next(found, "the rest")] += float(share)
+    print("glass by pixel: share of the time")
+    for name, share in shares.items():
+        print(f"{name} | {share:.0f} %")
+
+
+def specular(program, folder, scene):
+    """A facade of glass, and a cube with a mirror, beside the same of walls."""
+    facade(folder, scene)
     print("glass, 10 % of the walls | ms a row without | with | times")
     for level in LEVELS:
         sample = ["--sample-rows", "400"]
@@ -240,6 +279,9 @@ def main():
     place = tempfile.TemporaryDirectory() if len(sys.argv) < 3 else None
     folder = Path(place.name if place else sys.argv[2])
     scene = Path(os.environ.get("HEMICUBE_SCENES", "../shared/scenes")) / "city/denhaag-8897.obj"
+    if "profile" in sys.argv[3:]:
+        profile(program, folder, scene.resolve())
+        return
     images(program, folder)
     specular(program, folder, scene.resolve())
     facets(program, folder)
