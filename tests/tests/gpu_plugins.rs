@@ -98,7 +98,7 @@ fn has_exact_edges(name: &str) {
     );
     assert!(text.contains("gpu-2-exact"), "it is told from the driver's: {text}");
     let shares = shares_of_pixels(&text);
-    assert_eq!(shares.len(), 8, "a share of each scene: {text}");
+    assert_eq!(shares.len(), 9, "a share of each scene: {text}");
     say(&format!("{name}, exact edges: {shares:?}"));
     for (scene, share) in shares {
         assert!(

@@ -35,11 +35,13 @@ pub enum TestScene {
     City,
     /// More than 30,000 triangles of towers, every tenth of them given twice, with its corners in another order.
     Towers,
+    /// Houses in a row. Neighbours share a wall's plane, cut differently, and each sees the next one's through its back.
+    Terrace,
 }
 
 impl TestScene {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Room,
         Self::EmptyRoom,
         Self::Maze,
@@ -48,6 +50,7 @@ impl TestScene {
         Self::Plates,
         Self::City,
         Self::Towers,
+        Self::Terrace,
     ];
 
     /// Its name.
@@ -61,6 +64,7 @@ impl TestScene {
             Self::Plates => "plates",
             Self::City => "city",
             Self::Towers => "towers",
+            Self::Terrace => "terrace",
         }
     }
 
@@ -87,6 +91,7 @@ impl TestScene {
             Self::Plates => plates(),
             Self::City => generated(Kind::City, 2000),
             Self::Towers => with_duplicates(generated(Kind::BlockCity, 31_000)),
+            Self::Terrace => terrace(),
         };
         let patches = Patches::new(&moved(scene), Subdivision::None).expect("a scene that fits");
         Model::new(patches.into(), HierarchyOptions::default()).expect("a scene with an extent")
@@ -176,6 +181,39 @@ fn plates() -> Scene {
     }
     plate(DVec3::new(0.21, -0.1, -0.2), DVec3::new(0.1, 0.0, 1.4), DVec3::Y);
     plate(DVec3::new(-0.1, 0.63, -0.1), DVec3::X, DVec3::new(0.0, 0.2, 1.2));
+    of_triangles(triangles)
+}
+
+/// Eight houses of unlike heights, side by side along x; faces of each cut into 3 × 3 to 5 × 5 rectangles.
+fn terrace() -> Scene {
+    let mut triangles = Vec::new();
+    for house in 0..8u32 {
+        let low = DVec3::X * f64::from(house);
+        let size = DVec3::new(1.0, 1.5, 1.0 + 0.4 * f64::from(house * 5 % 8));
+        let pieces = 3 + house % 3;
+        for axis in 0..3 {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            for is_high in [false, true] {
+                let at = |i: u32, j: u32| {
+                    let mut point = DVec3::ZERO;
+                    point[axis] = if is_high { size[axis] } else { 0.0 };
+                    point[u] = size[u] * f64::from(i) / f64::from(pieces);
+                    point[v] = size[v] * f64::from(j) / f64::from(pieces);
+                    low + point
+                };
+                for (i, j) in (0..pieces * pieces).map(|k| (k / pieces, k % pieces)) {
+                    let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                    // Seen from outside: the upper face looks up its axis, the lower one down.
+                    let halves = if is_high {
+                        [[a, b, c], [a, c, d]]
+                    } else {
+                        [[a, c, b], [a, d, c]]
+                    };
+                    triangles.extend(halves.map(|corners| triangle(corners, false)));
+                }
+            }
+        }
+    }
     of_triangles(triangles)
 }
 

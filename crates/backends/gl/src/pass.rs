@@ -23,7 +23,7 @@ impl Scene {
             origin: pass.origin,
             axes: pass.axes,
         };
-        let views = pass_views(&self.geometry, &self.upload, pass, n);
+        let views = pass_views(&self.geometry, pass, n);
         self.write(entered, self.store.views[0], 0, views.as_flattened());
         self.preset_depths(entered, pass);
         let at = Place {

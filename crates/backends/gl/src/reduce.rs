@@ -114,7 +114,7 @@ impl Scene {
 
     /// Uploads the views of a batch.
     fn begin(&mut self, entered: &Entered<'_>, hemicubes: &[Hemicube], half: usize) {
-        let views = submission_views(&self.geometry, &self.upload, &self.plan, hemicubes, self.stamp);
+        let views = submission_views(&self.geometry, &self.plan, hemicubes, self.stamp);
         let groups = hemicubes.len().div_ceil(self.plan.group as usize);
         self.stamp = self.stamp.wrapping_add(u32::try_from(groups).unwrap_or(u32::MAX));
         self.write(entered, self.store.views[half], 0, views.as_flattened());

@@ -330,7 +330,8 @@ impl Store {
             gl.vertex_attrib_pointer_f32(0, 3, glow::FLOAT, false, stride, 0);
             gl.vertex_attrib_pointer_f32(1, 3, glow::FLOAT, false, stride, 12);
             gl.vertex_attrib_pointer_i32(2, 2, glow::UNSIGNED_INT, stride, 24);
-            for attribute in 0..3 {
+            gl.vertex_attrib_pointer_f32(3, 3, glow::FLOAT, false, stride, 32);
+            for attribute in 0..4 {
                 gl.enable_vertex_attrib_array(attribute);
             }
             gl.clear_depth_f32(0.0);

@@ -19,6 +19,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -45,6 +46,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -91,6 +96,30 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
+}
+
+vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
+    vec3 _e4 = relative(v_4, high_2, low_2);
+    float height = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
+}
+
+float depth_of(View v_5, vec4 plane, vec4 position_1) {
+    uint _e8 = _group_1_binding_1_fs.resolution;
+    float x_1 = (((2.0 * position_1.x) / float(_e8)) - 1.0);
+    float y_1 = (((2.0 * (position_1.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_1, fma(plane.y, y_1, plane.z)), 1.0);
+    return ((abs((depth_1 - position_1.z)) <= (0.0625 * position_1.z)) ? depth_1 : position_1.z);
+}
+
+float behind(vec4 plane_1, float depth) {
+    return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
 }
 
 void main() {

@@ -22,6 +22,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -48,6 +49,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -127,27 +132,51 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
+vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
+    vec3 _e4 = relative(v_4, high_2, low_2);
+    float height = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
+}
+
+float depth_of(View v_5, vec4 plane, vec4 position) {
+    uint _e8 = _group_1_binding_1_cs.resolution;
+    float x_2 = (((2.0 * position.x) / float(_e8)) - 1.0);
+    float y_2 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_2, fma(plane.y, y_2, plane.z)), 1.0);
+    return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
+}
+
+float behind(vec4 plane_1, float depth) {
+    return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
+}
+
 float reach(mat3x3 sides, vec3 along) {
     return dot(abs((along * sides)), vec3(1.0));
 }
 
-Projected project(View v_4, Chunk chunk) {
+Projected project(View v_6, Chunk chunk) {
     bool local_3 = false;
     bool local_4 = false;
     bool local_5 = false;
     bool local_6 = false;
     bool local_7 = false;
-    vec3 _e4 = relative(v_4, chunk.center_high, chunk.center_low);
+    vec3 _e4 = relative(v_6, chunk.center_high, chunk.center_low);
     vec3 h = chunk.half_sides;
-    mat3x3 columns = mat3x3((vec3(v_4.tangent.x, v_4.bitangent.x, v_4.normal.x) * h.x), (vec3(v_4.tangent.y, v_4.bitangent.y, v_4.normal.y) * h.y), (vec3(v_4.tangent.z, v_4.bitangent.z, v_4.normal.z) * h.z));
-    vec3 center = vec3(dot(v_4.tangent, _e4), dot(v_4.bitangent, _e4), dot(v_4.normal, _e4));
+    mat3x3 columns = mat3x3((vec3(v_6.tangent.x, v_6.bitangent.x, v_6.normal.x) * h.x), (vec3(v_6.tangent.y, v_6.bitangent.y, v_6.normal.y) * h.y), (vec3(v_6.tangent.z, v_6.bitangent.z, v_6.normal.z) * h.z));
+    vec3 center = vec3(dot(v_6.tangent, _e4), dot(v_6.bitangent, _e4), dot(v_6.normal, _e4));
     vec3 extent = ((abs(columns[0]) + abs(columns[1])) + abs(columns[2]));
     vec3 far = (abs(center) + extent);
-    float margin = (v_4.tolerance + (((far.x + far.y) + far.z) * 7.6293945e-6));
-    vec3 _e60 = on_face(v_4, center);
-    vec3 _e62 = on_face(v_4, columns[0]);
-    vec3 _e64 = on_face(v_4, columns[1]);
-    vec3 _e66 = on_face(v_4, columns[2]);
+    float margin = (v_6.tolerance + (((far.x + far.y) + far.z) * 7.6293945e-6));
+    vec3 _e60 = on_face(v_6, center);
+    vec3 _e62 = on_face(v_6, columns[0]);
+    vec3 _e64 = on_face(v_6, columns[1]);
+    vec3 _e66 = on_face(v_6, columns[2]);
     mat3x3 sides_1 = mat3x3(_e62, _e64, _e66);
     if (!(((center.z + extent.z) <= -(margin)))) {
         float _e83 = reach(sides_1, vec3(1.0, 0.0, 1.0));
@@ -189,25 +218,25 @@ Projected project(View v_4, Chunk chunk) {
     return Projected(outside, margin, _e60, sides_1, _e4, (h + vec3(margin)), ((nearest > (16.0 * margin)) ? nearest : -1.0));
 }
 
-Steps steps(View v_5) {
-    vec3 for_x = cross(v_5.clip_y, v_5.clip_w);
-    vec3 for_y = cross(v_5.clip_w, v_5.clip_x);
-    vec3 for_w = cross(v_5.clip_x, v_5.clip_y);
-    float scale = (1.0 / dot(v_5.clip_x, for_x));
-    vec3 x_2 = (scale * (((for_x.x * v_5.tangent) + (for_x.y * v_5.bitangent)) + (for_x.z * v_5.normal)));
-    vec3 y_2 = (scale * (((for_y.x * v_5.tangent) + (for_y.y * v_5.bitangent)) + (for_y.z * v_5.normal)));
-    vec3 w_2 = (scale * (((for_w.x * v_5.tangent) + (for_w.y * v_5.bitangent)) + (for_w.z * v_5.normal)));
-    return Steps(x_2, y_2, w_2, (((abs(x_2) + abs(y_2)) + abs(w_2)) * 1.9073486e-6));
+Steps steps(View v_7) {
+    vec3 for_x = cross(v_7.clip_y, v_7.clip_w);
+    vec3 for_y = cross(v_7.clip_w, v_7.clip_x);
+    vec3 for_w = cross(v_7.clip_x, v_7.clip_y);
+    float scale = (1.0 / dot(v_7.clip_x, for_x));
+    vec3 x_3 = (scale * (((for_x.x * v_7.tangent) + (for_x.y * v_7.bitangent)) + (for_x.z * v_7.normal)));
+    vec3 y_3 = (scale * (((for_y.x * v_7.tangent) + (for_y.y * v_7.bitangent)) + (for_y.z * v_7.normal)));
+    vec3 w_2 = (scale * (((for_w.x * v_7.tangent) + (for_w.y * v_7.bitangent)) + (for_w.z * v_7.normal)));
+    return Steps(x_3, y_3, w_2, (((abs(x_3) + abs(y_3)) + abs(w_2)) * 1.9073486e-6));
 }
 
-float bound_through(View v_6, Steps s, Projected p_1, vec2 size, uvec2 first, uvec2 last) {
+float bound_through(View v_8, Steps s, Projected p_1, vec2 size, uvec2 first, uvec2 last) {
     float enter = 0.0;
     float leave = 3e38;
     uint k = 0u;
-    vec2 low_3 = ((((vec2(first) - vec2(0.05)) / size) * 2.0) - vec2(1.0));
-    vec2 high_3 = ((((vec2(last) + vec2(1.05)) / size) * 2.0) - vec2(1.0));
-    vec2 middle = ((low_3 + high_3) * 0.5);
-    vec2 half_ = ((high_3 - low_3) * 0.5);
+    vec2 low_4 = ((((vec2(first) - vec2(0.05)) / size) * 2.0) - vec2(1.0));
+    vec2 high_4 = ((((vec2(last) + vec2(1.05)) / size) * 2.0) - vec2(1.0));
+    vec2 middle = ((low_4 + high_4) * 0.5);
+    vec2 half_ = ((high_4 - low_4) * 0.5);
     vec3 towards = mix(vec3(1.0), vec3(-1.0), lessThan(p_1.offset, vec3(0.0)));
     vec3 step_ = (towards * ((s.middle + (middle.x * s.by_x)) + (middle.y * s.by_y)));
     vec3 reach_1 = (((half_.x * abs(s.by_x)) + (half_.y * abs(s.by_y))) + s.margin);
@@ -264,12 +293,12 @@ float bound_through(View v_6, Steps s, Projected p_1, vec2 size, uvec2 first, uv
     }
     float _e131 = _group_1_binding_1_cs.slack;
     float _e132 = enter;
-    return (v_6.near * ((_e131 / _e132) + (FAR_ERROR / p_1.nearest)));
+    return (v_8.near * ((_e131 / _e132) + (FAR_ERROR / p_1.nearest)));
 }
 
-bool is_hidden(View v_7, Projected p_2) {
-    vec2 low_2 = vec2(3e38);
-    vec2 high_2 = vec2(-3e38);
+bool is_hidden(View v_9, Projected p_2) {
+    vec2 low_3 = vec2(3e38);
+    vec2 high_3 = vec2(-3e38);
     uint k_1 = 0u;
     float sz = 0.0;
     uint y = 0u;
@@ -278,7 +307,7 @@ bool is_hidden(View v_7, Projected p_2) {
     uint ty = 0u;
     uint tx = 0u;
     uint _e4 = _group_1_binding_1_cs.resolution;
-    vec2 size_1 = vec2(float(_e4), float(v_7.rows));
+    vec2 size_1 = vec2(float(_e4), float(v_9.rows));
     bool loop_init_1 = true;
     while(true) {
         if (!loop_init_1) {
@@ -312,32 +341,32 @@ bool is_hidden(View v_7, Projected p_2) {
                 }
                 {
                     float _e50 = sz;
-                    vec3 q = (edge + (_e50 * p_2.sides[2]));
-                    float w_low = (q.z - p_2.margin);
-                    float w_high = (q.z + p_2.margin);
-                    vec2 a = (q.xy - vec2((3.0 * p_2.margin)));
-                    vec2 b = (q.xy + vec2((3.0 * p_2.margin)));
-                    vec2 _e73 = low_2;
-                    low_2 = min(_e73, (a / mix(vec2(w_high), vec2(w_low), lessThan(a, vec2(0.0)))));
-                    vec2 _e82 = high_2;
-                    high_2 = max(_e82, (b / mix(vec2(w_low), vec2(w_high), lessThan(b, vec2(0.0)))));
+                    vec3 q_1 = (edge + (_e50 * p_2.sides[2]));
+                    float w_low = (q_1.z - p_2.margin);
+                    float w_high = (q_1.z + p_2.margin);
+                    vec2 a = (q_1.xy - vec2((3.0 * p_2.margin)));
+                    vec2 b = (q_1.xy + vec2((3.0 * p_2.margin)));
+                    vec2 _e73 = low_3;
+                    low_3 = min(_e73, (a / mix(vec2(w_high), vec2(w_low), lessThan(a, vec2(0.0)))));
+                    vec2 _e82 = high_3;
+                    high_3 = max(_e82, (b / mix(vec2(w_low), vec2(w_high), lessThan(b, vec2(0.0)))));
                 }
             }
         }
     }
-    vec2 _e97 = low_2;
+    vec2 _e97 = low_3;
     uvec2 first_2 = uvec2(clamp(((((_e97 * 0.5) + vec2(0.5)) * size_1) - vec2(0.05)), vec2(0.0), (size_1 - vec2(1.0))));
-    vec2 _e114 = high_2;
+    vec2 _e114 = high_3;
     uvec2 last_1 = uvec2(clamp(((((_e114 * 0.5) + vec2(0.5)) * size_1) + vec2(0.05)), vec2(0.0), (size_1 - vec2(1.0))));
-    Steps _e131 = steps(v_7);
+    Steps _e131 = steps(v_9);
     float _e134 = _group_1_binding_1_cs.slack;
-    float bound = ((_e134 * v_7.near) / p_2.nearest);
+    float bound = ((_e134 * v_9.near) / p_2.nearest);
     uint _e141 = _group_1_binding_1_cs.resolution;
     uint across = (_e141 / 4u);
     uint _e147 = _group_1_binding_1_cs.pyramid_stride;
-    uint fine = (v_7.layer * _e147);
+    uint fine = (v_9.layer * _e147);
     uint coarse = (fine + ((3u * across) * across));
-    uvec2 row = uvec2(0u, v_7.first_row);
+    uvec2 row = uvec2(0u, v_9.first_row);
     uvec2 from_first = (first_2 + row);
     uvec2 to_last = (last_1 + row);
     uvec2 low_square = (from_first >> uvec2(4u));
@@ -377,10 +406,10 @@ bool is_hidden(View v_7, Projected p_2) {
                     uvec2 b_1 = min((square + uvec2(15u)), to_last);
                     uint _e186 = y;
                     uint _e191 = x;
-                    float behind = _group_1_binding_5_cs[((coarse + (_e186 * (across / 4u))) + _e191)];
-                    if (!((behind > bound))) {
-                        float _e201 = bound_through(v_7, _e131, p_2, size_1, (a_1 - row), (b_1 - row));
-                        local_8 = (behind > _e201);
+                    float behind_1 = _group_1_binding_5_cs[((coarse + (_e186 * (across / 4u))) + _e191)];
+                    if (!((behind_1 > bound))) {
+                        float _e201 = bound_through(v_9, _e131, p_2, size_1, (a_1 - row), (b_1 - row));
+                        local_8 = (behind_1 > _e201);
                     } else {
                         local_8 = true;
                     }
@@ -420,15 +449,15 @@ bool is_hidden(View v_7, Projected p_2) {
                                 {
                                     uint _e222 = ty;
                                     uint _e225 = tx;
-                                    float behind_1 = _group_1_binding_5_cs[((fine + (_e222 * across)) + _e225)];
-                                    if ((behind_1 <= bound)) {
+                                    float behind_2 = _group_1_binding_5_cs[((fine + (_e222 * across)) + _e225)];
+                                    if ((behind_2 <= bound)) {
                                         uint _e230 = tx;
                                         uint _e231 = ty;
                                         uvec2 tile = (uvec2(_e230, _e231) << uvec2(2u));
                                         uvec2 c = (max(tile, a_1) - row);
                                         uvec2 d = (min((tile + uvec2(3u)), b_1) - row);
-                                        float _e243 = bound_through(v_7, _e131, p_2, size_1, c, d);
-                                        if ((behind_1 <= _e243)) {
+                                        float _e243 = bound_through(v_9, _e131, p_2, size_1, c, d);
+                                        if ((behind_2 <= _e243)) {
                                             return false;
                                         }
                                     }
@@ -443,11 +472,11 @@ bool is_hidden(View v_7, Projected p_2) {
     return true;
 }
 
-uint outcome(View v_8, uint index, bool against_depths) {
+uint outcome(View v_10, uint index, bool against_depths) {
     bool local_9 = false;
     bool local_10 = false;
     Chunk _e5 = _group_1_binding_3_cs[index];
-    Projected _e6 = project(v_8, _e5);
+    Projected _e6 = project(v_10, _e5);
     if (_e6.outside) {
         return OUTSIDE;
     }
@@ -458,7 +487,7 @@ uint outcome(View v_8, uint index, bool against_depths) {
     }
     bool _e15 = local_9;
     if (_e15) {
-        bool _e18 = is_hidden(v_8, _e6);
+        bool _e18 = is_hidden(v_10, _e6);
         local_10 = _e18;
     } else {
         local_10 = false;
@@ -507,7 +536,7 @@ uint end_of_run(uint place_1) {
     return GROUP;
 }
 
-void list(uint local_11, View v_9, bool only_seen, bool against_depths_1) {
+void list(uint local_11, View v_11, bool only_seen, bool against_depths_1) {
     uint count = 0u;
     uint start = 0u;
     uint found = 0u;
@@ -516,7 +545,7 @@ void list(uint local_11, View v_9, bool only_seen, bool against_depths_1) {
     uint carry = 0u;
     uint w_1 = 0u;
     bool local_13 = false;
-    uint face = ((v_9.layer * 5u) + v_9.face);
+    uint face = ((v_11.layer * 5u) + v_11.face);
     if ((local_11 < 4u)) {
         atomicExchange(sums[local_11], 0u);
     }
@@ -547,13 +576,13 @@ void list(uint local_11, View v_9, bool only_seen, bool against_depths_1) {
                 if (!(!(only_seen))) {
                     uint _e42 = _group_1_binding_8_cs[index_1];
                     uint _e45 = _group_1_binding_1_cs.looks_back;
-                    local_12 = ((_e42 + _e45) >= v_9.stamp);
+                    local_12 = ((_e42 + _e45) >= v_11.stamp);
                 } else {
                     local_12 = true;
                 }
                 bool _e50 = local_12;
                 if (_e50) {
-                    uint _e51 = outcome(v_9, index_1, against_depths_1);
+                    uint _e51 = outcome(v_11, index_1, against_depths_1);
                     found = _e51;
                 }
                 if (!(only_seen)) {
@@ -650,7 +679,7 @@ void list(uint local_11, View v_9, bool only_seen, bool against_depths_1) {
     if ((local_11 == 0u)) {
         uint _e215 = count;
         _group_1_binding_7_cs[face] = _e215;
-        uint tally = (v_9.layer * 8u);
+        uint tally = (v_11.layer * 8u);
         if (only_seen) {
             uint _e225 = atomicOr(sums[2], 0u);
             uint _e226 = atomicAdd(_group_1_binding_10_cs[(tally + 7u)], _e225);

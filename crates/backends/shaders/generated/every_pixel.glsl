@@ -18,6 +18,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -44,6 +45,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -57,13 +62,12 @@ struct CornerBeyond {
     vec4 position;
     uvec2 patches;
     float height;
+    vec4 plane;
 };
 struct SeenBeyond {
     uint id;
     float depth;
 };
-const float BACK = 0.9999981;
-
 
 vec3 relative(View v, vec3 high_1, vec3 low_1) {
     return ((high_1 - v.eye_high) + (low_1 - v.eye_low));
@@ -86,6 +90,22 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
+}
+
+vec4 plane_on_face(View v_4, vec3 high_3, vec3 low_3, vec3 normal_1) {
+    vec3 _e4 = relative(v_4, high_3, low_3);
+    float height_1 = (((normal_1.x * _e4.x) + (normal_1.y * _e4.y)) + (normal_1.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal_1.x) + (v_4.tangent.y * normal_1.y)) + (v_4.tangent.z * normal_1.z)), (((v_4.bitangent.x * normal_1.x) + (v_4.bitangent.y * normal_1.y)) + (v_4.bitangent.z * normal_1.z)), (((v_4.normal.x * normal_1.x) + (v_4.normal.y * normal_1.y)) + (v_4.normal.z * normal_1.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height_1));
+    return vec4((coefficients * (v_4.near / height_1)), error);
+}
+
+float behind(vec4 plane_2, float depth) {
+    return (depth * (0.9999981 - min(plane_2.w, 0.0009765625)));
 }
 
 void main() {

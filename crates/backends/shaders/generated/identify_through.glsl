@@ -18,6 +18,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -44,6 +45,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -57,19 +62,19 @@ struct CornerBeyond {
     vec4 position;
     uvec2 patches;
     float height;
+    vec4 plane;
 };
 struct SeenBeyond {
     uint id;
     float depth;
 };
-const float BACK = 0.9999981;
-
 layout(std140, binding = 0) uniform View_block_0Fragment { View _group_0_binding_0_fs; };
 
 layout(std140, binding = 1) uniform Settings_block_1Fragment { Settings _group_1_binding_1_fs; };
 
 layout(location = 0) flat in uvec2 _vs2fs_location0;
 layout(location = 1) smooth in float _vs2fs_location1;
+layout(location = 2) flat in vec4 _vs2fs_location2;
 layout(location = 0) out uint _fs2p_location0;
 
 vec3 relative(View v, vec3 high_1, vec3 low_1) {
@@ -95,18 +100,46 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
+vec4 plane_on_face(View v_4, vec3 high_3, vec3 low_3, vec3 normal_1) {
+    vec3 _e4 = relative(v_4, high_3, low_3);
+    float height_1 = (((normal_1.x * _e4.x) + (normal_1.y * _e4.y)) + (normal_1.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal_1.x) + (v_4.tangent.y * normal_1.y)) + (v_4.tangent.z * normal_1.z)), (((v_4.bitangent.x * normal_1.x) + (v_4.bitangent.y * normal_1.y)) + (v_4.bitangent.z * normal_1.z)), (((v_4.normal.x * normal_1.x) + (v_4.normal.y * normal_1.y)) + (v_4.normal.z * normal_1.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height_1));
+    return vec4((coefficients * (v_4.near / height_1)), error);
+}
+
+float depth_of(View v_5, vec4 plane_1, vec4 position_2) {
+    uint _e8 = _group_1_binding_1_fs.resolution;
+    float x_1 = (((2.0 * position_2.x) / float(_e8)) - 1.0);
+    float y_1 = (((2.0 * (position_2.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane_1.x, x_1, fma(plane_1.y, y_1, plane_1.z)), 1.0);
+    return ((abs((depth_1 - position_2.z)) <= (0.0625 * position_2.z)) ? depth_1 : position_2.z);
+}
+
+float behind(vec4 plane_2, float depth) {
+    return (depth * (0.9999981 - min(plane_2.w, 0.0009765625)));
+}
+
 void main() {
     vec4 position = gl_FragCoord;
     bool front = gl_FrontFacing;
     uvec2 patches_1 = _vs2fs_location0;
     float height = _vs2fs_location1;
+    vec4 plane = _vs2fs_location2;
     if ((height <= 0.0)) {
         discard;
     }
-    uint _e10 = _group_0_binding_0_fs.mirrored;
-    uint id = ((front != (_e10 == 1u)) ? patches_1.x : patches_1.y);
-    uint _e21 = _group_1_binding_1_fs.patch_count;
-    SeenBeyond _tmp_return = SeenBeyond(id, ((id == _e21) ? (position.z * BACK) : position.z));
+    uint _e11 = _group_0_binding_0_fs.mirrored;
+    uint id = ((front != (_e11 == 1u)) ? patches_1.x : patches_1.y);
+    View _e17 = _group_0_binding_0_fs;
+    float _e18 = depth_of(_e17, plane, position);
+    float _e19 = behind(plane, _e18);
+    uint _e22 = _group_1_binding_1_fs.patch_count;
+    SeenBeyond _tmp_return = SeenBeyond(id, ((id == _e22) ? _e19 : _e18));
     _fs2p_location0 = _tmp_return.id;
     gl_FragDepth = _tmp_return.depth;
     return;

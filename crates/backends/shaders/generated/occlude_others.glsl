@@ -18,6 +18,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -44,6 +45,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -56,13 +61,12 @@ struct Chunk {
 struct Corner {
     vec4 position;
     uvec2 patches;
+    vec4 plane;
 };
 struct Seen {
     uint id;
     float depth;
 };
-const float BACK = 0.9999981;
-
 layout(std140, binding = 0) uniform View_block_0Fragment { View _group_0_binding_0_fs; };
 
 layout(location = 0) flat in uvec2 _vs2fs_location0;
@@ -88,6 +92,22 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
+}
+
+vec4 plane_on_face(View v_4, vec3 high_3, vec3 low_3, vec3 normal_1) {
+    vec3 _e4 = relative(v_4, high_3, low_3);
+    float height = (((normal_1.x * _e4.x) + (normal_1.y * _e4.y)) + (normal_1.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal_1.x) + (v_4.tangent.y * normal_1.y)) + (v_4.tangent.z * normal_1.z)), (((v_4.bitangent.x * normal_1.x) + (v_4.bitangent.y * normal_1.y)) + (v_4.bitangent.z * normal_1.z)), (((v_4.normal.x * normal_1.x) + (v_4.normal.y * normal_1.y)) + (v_4.normal.z * normal_1.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
+}
+
+float behind(vec4 plane_5, float depth) {
+    return (depth * (0.9999981 - min(plane_5.w, 0.0009765625)));
 }
 
 void main() {

@@ -22,6 +22,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -48,6 +49,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -103,6 +108,30 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     vec3 _e4 = in_frame(v_3, _e3);
     vec3 _e5 = on_face(v_3, _e4);
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
+}
+
+vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
+    vec3 _e4 = relative(v_4, high_2, low_2);
+    float height = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q_1 = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q_1.y + q_1.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q_1 : vec3(q_1.x, up, (up + q_1.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
+}
+
+float depth_of(View v_5, vec4 plane, vec4 position) {
+    uint _e8 = _group_1_binding_1_cs.resolution;
+    float x_2 = (((2.0 * position.x) / float(_e8)) - 1.0);
+    float y_2 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_2, fma(plane.y, y_2, plane.z)), 1.0);
+    return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
+}
+
+float behind(vec4 plane_1, float depth) {
+    return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
 }
 
 uint pixel_count() {
@@ -175,10 +204,10 @@ vec3 cross_fused(vec3 a_1, vec3 b_1) {
     return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
 }
 
-vec3 turned(View v_4, vec3 d_1) {
-    float _e3 = dot_fused(v_4.tangent, d_1);
-    float _e5 = dot_fused(v_4.bitangent, d_1);
-    float _e7 = dot_fused(v_4.normal, d_1);
+vec3 turned(View v_6, vec3 d_1) {
+    float _e3 = dot_fused(v_6.tangent, d_1);
+    float _e5 = dot_fused(v_6.bitangent, d_1);
+    float _e7 = dot_fused(v_6.normal, d_1);
     return vec3(_e3, _e5, _e7);
 }
 
@@ -190,21 +219,21 @@ vec3 low_of(Vertex c_1) {
     return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
 }
 
-vec3 placed(View v_5, Vertex c_2) {
+vec3 placed(View v_7, Vertex c_2) {
     vec3 _e2 = high_of(c_2);
     vec3 _e5 = low_of(c_2);
-    vec3 _e9 = turned(v_5, ((_e2 - v_5.eye_high) + (_e5 - v_5.eye_low)));
-    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_5.tolerance);
+    vec3 _e9 = turned(v_7, ((_e2 - v_7.eye_high) + (_e5 - v_7.eye_low)));
+    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_7.tolerance);
     return vec3(_e9.xy, ((abs(_e9.z) <= snap_1) ? 0.0 : _e9.z));
 }
 
-vec3 between(View v_6, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
+vec3 between(View v_8, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
     bool local_7 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
-    vec3 _e12 = turned(v_6, ((_e5 - _e6) + (_e8 - _e9)));
+    vec3 _e12 = turned(v_8, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place.z == 0.0))) {
         local_7 = (to_place.z == 0.0);
     } else {
@@ -235,16 +264,16 @@ vec3 to_face(uint face_1, vec3 p_2) {
 }
 
 uint face_of_row(uint row) {
-    uint n = _group_1_binding_1_cs.resolution;
-    return ((row >= n) ? (1u + ((row - n) / (n / 2u))) : 0u);
+    uint n_1 = _group_1_binding_1_cs.resolution;
+    return ((row >= n_1) ? (1u + ((row - n_1) / (n_1 / 2u))) : 0u);
 }
 
 vec3 centre(uint face_2, uvec2 at_1) {
-    uint n_1 = _group_1_binding_1_cs.resolution;
-    uint first_row = ((face_2 == 0u) ? 0u : (n_1 + ((face_2 - 1u) * (n_1 / 2u))));
-    uint up = ((2u * (at_1.y - first_row)) + 1u);
-    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up)) - ivec2(uvec2(n_1, ((face_2 == 0u) ? n_1 : 0u))));
-    return vec3(vec2(from_middle), float(n_1));
+    uint n_2 = _group_1_binding_1_cs.resolution;
+    uint first_row = ((face_2 == 0u) ? 0u : (n_2 + ((face_2 - 1u) * (n_2 / 2u))));
+    uint up_1 = ((2u * (at_1.y - first_row)) + 1u);
+    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up_1)) - ivec2(uvec2(n_2, ((face_2 == 0u) ? n_2 : 0u))));
+    return vec3(vec2(from_middle), float(n_2));
 }
 
 float side_of(vec3 edge, vec3 direction) {
@@ -279,7 +308,7 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
     bool local_13 = false;
     bool local_14 = false;
     uint _e6 = _group_1_binding_1_cs.resolution;
-    float n_2 = float(_e6);
+    float n_3 = float(_e6);
     vec3 _e8 = to_face(face_6, from_frame);
     vec3 _e9 = to_face(face_6, along_frame);
     vec4 _e10 = within(face_6, _e8);
@@ -303,19 +332,19 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
         local_11 = false;
     }
     bool is_seen = local_11;
-    vec2 shift = ((vec2(n_2, ((face_6 == 0u) ? n_2 : 0.0)) * 0.5) - vec2(0.5));
-    vec2 from_pixel = (((a_2.xy / vec2(a_2.z)) * (0.5 * n_2)) + shift);
-    vec2 to_pixel = (((b_2.xy / vec2(b_2.z)) * (0.5 * n_2)) + shift);
+    vec2 shift = ((vec2(n_3, ((face_6 == 0u) ? n_3 : 0.0)) * 0.5) - vec2(0.5));
+    vec2 from_pixel = (((a_2.xy / vec2(a_2.z)) * (0.5 * n_3)) + shift);
+    vec2 to_pixel = (((b_2.xy / vec2(b_2.z)) * (0.5 * n_3)) + shift);
     vec2 reach = abs((to_pixel - from_pixel));
     bool is_steep = (reach.y > reach.x);
     vec3 e = cross(_e8, _e9);
-    vec2 size = vec2(n_2, ((face_6 == 0u) ? n_2 : (0.5 * n_2)));
+    vec2 size = vec2(n_3, ((face_6 == 0u) ? n_3 : (0.5 * n_3)));
     vec2 line = (is_steep ? e.yx : e.xy);
     vec2 shifts = (is_steep ? shift.yx : shift);
     vec2 sizes = (is_steep ? size.yx : size);
     vec2 ends_of = (is_steep ? vec2(from_pixel.y, to_pixel.y) : vec2(from_pixel.x, to_pixel.x));
     float slope = (-(line.x) / line.y);
-    float offset = ((shifts.y - (slope * shifts.x)) - (((0.5 * n_2) * e.z) / line.y));
+    float offset = ((shifts.y - (slope * shifts.x)) - (((0.5 * n_3) * e.z) / line.y));
     uint _e129 = _group_1_binding_1_cs.resolution;
     uint _e134 = _group_1_binding_1_cs.resolution;
     uint first_row_1 = ((face_6 == 0u) ? 0u : (_e129 + ((face_6 - 1u) * (_e134 / 2u))));
@@ -399,7 +428,7 @@ void main() {
     uint current = 0u;
     uint sum = 0u;
     uint i = 1u;
-    uint n_3 = _group_1_binding_1_cs.resolution;
+    uint n_4 = _group_1_binding_1_cs.resolution;
     uint first_2 = (run.x * RUN);
     uint _e7 = pixel_count();
     if ((first_2 >= _e7)) {
@@ -413,7 +442,7 @@ void main() {
         uint _e24 = near_count(layer_9);
         atomicExchange(_group_1_binding_26_cs[_e24], 0u);
     }
-    at = ivec2(uvec2((first_2 % n_3), (first_2 / n_3)));
+    at = ivec2(uvec2((first_2 % n_4), (first_2 / n_4)));
     ivec2 _e33 = at;
     uvec4 _e36 = texelFetch(_group_1_binding_11_cs, ivec3(_e33, int(layer_9)), 0);
     current = _e36.x;
@@ -435,7 +464,7 @@ void main() {
             int _e49 = at.x;
             at.x = (_e49 + 1);
             int _e53 = at.x;
-            if ((_e53 == int(n_3))) {
+            if ((_e53 == int(n_4))) {
                 int _e57 = at.y;
                 at = ivec2(0, (_e57 + 1));
             }

@@ -18,6 +18,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -44,6 +45,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -56,20 +61,21 @@ struct Chunk {
 struct Corner {
     vec4 position;
     uvec2 patches;
+    vec4 plane;
 };
 struct Seen {
     uint id;
     float depth;
 };
-const float BACK = 0.9999981;
-
 layout(std140, binding = 0) uniform View_block_0Vertex { View _group_0_binding_0_vs; };
 
 layout(location = 0) in vec3 _p2vs_location0;
 layout(location = 1) in vec3 _p2vs_location1;
 layout(location = 2) in uvec2 _p2vs_location2;
+layout(location = 3) in vec3 _p2vs_location3;
 invariant gl_Position;
 layout(location = 0) flat out uvec2 _vs2fs_location0;
+layout(location = 1) flat out vec4 _vs2fs_location1;
 
 vec3 relative(View v, vec3 high_1, vec3 low_1) {
     return ((high_1 - v.eye_high) + (low_1 - v.eye_low));
@@ -94,15 +100,35 @@ vec4 clip_position(View v_3, vec3 high_2, vec3 low_2) {
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
+vec4 plane_on_face(View v_4, vec3 high_3, vec3 low_3, vec3 normal_1) {
+    vec3 _e4 = relative(v_4, high_3, low_3);
+    float height = (((normal_1.x * _e4.x) + (normal_1.y * _e4.y)) + (normal_1.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal_1.x) + (v_4.tangent.y * normal_1.y)) + (v_4.tangent.z * normal_1.z)), (((v_4.bitangent.x * normal_1.x) + (v_4.bitangent.y * normal_1.y)) + (v_4.bitangent.z * normal_1.z)), (((v_4.normal.x * normal_1.x) + (v_4.normal.y * normal_1.y)) + (v_4.normal.z * normal_1.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
+}
+
+float behind(vec4 plane_5, float depth) {
+    return (depth * (0.9999981 - min(plane_5.w, 0.0009765625)));
+}
+
 void main() {
     vec3 high = _p2vs_location0;
     vec3 low = _p2vs_location1;
     uvec2 patches = _p2vs_location2;
-    View _e4 = _group_0_binding_0_vs;
-    vec4 _e5 = clip_position(_e4, high, low);
-    Corner _tmp_return = Corner(_e5, patches);
+    vec3 normal = _p2vs_location3;
+    View _e5 = _group_0_binding_0_vs;
+    vec4 _e6 = clip_position(_e5, high, low);
+    View _e8 = _group_0_binding_0_vs;
+    vec4 _e9 = plane_on_face(_e8, high, low, normal);
+    Corner _tmp_return = Corner(_e6, patches, _e9);
     gl_Position = _tmp_return.position;
     _vs2fs_location0 = _tmp_return.patches;
+    _vs2fs_location1 = _tmp_return.plane;
     return;
 }
 

@@ -22,6 +22,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -48,6 +49,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -115,6 +120,30 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
+vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
+    vec3 _e4 = relative(v_4, high_2, low_2);
+    float height = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q_1 = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q_1.y + q_1.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q_1 : vec3(q_1.x, up, (up + q_1.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
+}
+
+float depth_of(View v_5, vec4 plane, vec4 position) {
+    uint _e8 = _group_1_binding_1_cs.resolution;
+    float x_2 = (((2.0 * position.x) / float(_e8)) - 1.0);
+    float y_2 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_2, fma(plane.y, y_2, plane.z)), 1.0);
+    return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
+}
+
+float behind(vec4 plane_1, float depth) {
+    return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
+}
+
 uint pixel_count() {
     uint _e3 = _group_1_binding_1_cs.resolution;
     uint _e7 = _group_1_binding_1_cs.resolution;
@@ -175,10 +204,10 @@ vec3 cross_fused(vec3 a_1, vec3 b_1) {
     return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
 }
 
-vec3 turned(View v_4, vec3 d_1) {
-    float _e3 = dot_fused(v_4.tangent, d_1);
-    float _e5 = dot_fused(v_4.bitangent, d_1);
-    float _e7 = dot_fused(v_4.normal, d_1);
+vec3 turned(View v_6, vec3 d_1) {
+    float _e3 = dot_fused(v_6.tangent, d_1);
+    float _e5 = dot_fused(v_6.bitangent, d_1);
+    float _e7 = dot_fused(v_6.normal, d_1);
     return vec3(_e3, _e5, _e7);
 }
 
@@ -190,21 +219,21 @@ vec3 low_of(Vertex c_1) {
     return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
 }
 
-vec3 placed(View v_5, Vertex c_2) {
+vec3 placed(View v_7, Vertex c_2) {
     vec3 _e2 = high_of(c_2);
     vec3 _e5 = low_of(c_2);
-    vec3 _e9 = turned(v_5, ((_e2 - v_5.eye_high) + (_e5 - v_5.eye_low)));
-    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_5.tolerance);
+    vec3 _e9 = turned(v_7, ((_e2 - v_7.eye_high) + (_e5 - v_7.eye_low)));
+    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_7.tolerance);
     return vec3(_e9.xy, ((abs(_e9.z) <= snap_1) ? 0.0 : _e9.z));
 }
 
-vec3 between(View v_6, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
+vec3 between(View v_8, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
     bool local_7 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
-    vec3 _e12 = turned(v_6, ((_e5 - _e6) + (_e8 - _e9)));
+    vec3 _e12 = turned(v_8, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place.z == 0.0))) {
         local_7 = (to_place.z == 0.0);
     } else {
@@ -221,19 +250,19 @@ uint triangle_of(uint id_3) {
     return _e14;
 }
 
-Triangle triangle(View v_7, uint number) {
+Triangle triangle(View v_9, uint number) {
     uint _e7 = _group_1_binding_16_cs[(3u * number)];
     Vertex a_2 = _group_1_binding_15_cs[_e7];
     uint _e17 = _group_1_binding_16_cs[((3u * number) + 1u)];
     Vertex b_2 = _group_1_binding_15_cs[_e17];
     uint _e27 = _group_1_binding_16_cs[((3u * number) + 2u)];
     Vertex c_3 = _group_1_binding_15_cs[_e27];
-    vec3 _e30 = placed(v_7, a_2);
-    vec3 _e31 = placed(v_7, b_2);
-    vec3 _e32 = placed(v_7, c_3);
-    vec3 _e34 = between(v_7, a_2, b_2, _e30, _e31);
-    vec3 _e35 = between(v_7, b_2, c_3, _e31, _e32);
-    vec3 _e36 = between(v_7, c_3, a_2, _e32, _e30);
+    vec3 _e30 = placed(v_9, a_2);
+    vec3 _e31 = placed(v_9, b_2);
+    vec3 _e32 = placed(v_9, c_3);
+    vec3 _e34 = between(v_9, a_2, b_2, _e30, _e31);
+    vec3 _e35 = between(v_9, b_2, c_3, _e31, _e32);
+    vec3 _e36 = between(v_9, c_3, a_2, _e32, _e30);
     return Triangle(vec3[3](_e30, _e31, _e32), vec3[3](_e34, _e35, _e36));
 }
 
@@ -258,16 +287,16 @@ vec3 to_face(uint face_1, vec3 p_2) {
 }
 
 uint face_of_row(uint row) {
-    uint n = _group_1_binding_1_cs.resolution;
-    return ((row >= n) ? (1u + ((row - n) / (n / 2u))) : 0u);
+    uint n_1 = _group_1_binding_1_cs.resolution;
+    return ((row >= n_1) ? (1u + ((row - n_1) / (n_1 / 2u))) : 0u);
 }
 
 vec3 centre(uint face_2, uvec2 at_1) {
-    uint n_1 = _group_1_binding_1_cs.resolution;
-    uint first_row = ((face_2 == 0u) ? 0u : (n_1 + ((face_2 - 1u) * (n_1 / 2u))));
-    uint up = ((2u * (at_1.y - first_row)) + 1u);
-    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up)) - ivec2(uvec2(n_1, ((face_2 == 0u) ? n_1 : 0u))));
-    return vec3(vec2(from_middle), float(n_1));
+    uint n_2 = _group_1_binding_1_cs.resolution;
+    uint first_row = ((face_2 == 0u) ? 0u : (n_2 + ((face_2 - 1u) * (n_2 / 2u))));
+    uint up_1 = ((2u * (at_1.y - first_row)) + 1u);
+    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up_1)) - ivec2(uvec2(n_2, ((face_2 == 0u) ? n_2 : 0u))));
+    return vec3(vec2(from_middle), float(n_2));
 }
 
 float side_of(vec3 edge, vec3 direction) {
@@ -276,11 +305,11 @@ float side_of(vec3 edge, vec3 direction) {
     return ((_e2 == 0.0) ? first_1 : _e2);
 }
 
-float nearness(View v_8, uint id_4, uint face_3, vec3 direction_1) {
+float nearness(View v_10, uint id_4, uint face_3, vec3 direction_1) {
     bool local_8 = false;
     bool local_9 = false;
     uint _e4 = triangle_of(id_4);
-    Triangle _e5 = triangle(v_8, _e4);
+    Triangle _e5 = triangle(v_10, _e4);
     vec3 _e8 = to_face(face_3, _e5.places[0]);
     vec3 _e11 = to_face(face_3, _e5.places[1]);
     vec3 _e14 = to_face(face_3, _e5.places[2]);
@@ -345,9 +374,9 @@ void main() {
     uint k_1 = 0u;
     bool local_1 = false;
     uint _e5 = _group_0_binding_0_cs.slot;
-    View v_9 = _group_1_binding_2_cs[((_e5 + thread_1.y) * 5u)];
-    uint layer_9 = v_9.layer;
-    uint n_2 = _group_1_binding_1_cs.resolution;
+    View v_11 = _group_1_binding_2_cs[((_e5 + thread_1.y) * 5u)];
+    uint layer_9 = v_11.layer;
+    uint n_3 = _group_1_binding_1_cs.resolution;
     uint _e18 = _group_1_binding_1_cs.patch_count;
     uint escaped = (_e18 + 1u);
     uint _e22 = near_count(layer_9);
@@ -370,18 +399,18 @@ void main() {
             uint _e31 = i_3;
             uint place_1 = (_e29 + (3u * _e31));
             uint pixel_1 = _group_1_binding_27_cs[place_1];
-            uvec2 at_2 = uvec2((pixel_1 % n_2), (pixel_1 / n_2));
+            uvec2 at_2 = uvec2((pixel_1 % n_3), (pixel_1 / n_3));
             uint _e41 = face_of_row(at_2.y);
             vec3 _e42 = centre(_e41, at_2);
             uvec4 _e47 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(at_2), int(layer_9)), 0);
             uint shown = _e47.x;
-            uint first_row_1 = ((_e41 == 0u) ? 0u : (n_2 + ((_e41 - 1u) * (n_2 / 2u))));
-            uvec2 low_2 = uvec2((max(at_2.x, 1u) - 1u), (max(at_2.y, (first_row_1 + 1u)) - 1u));
-            uvec2 high_2 = min((at_2 + uvec2(1u)), (uvec2(n_2, (first_row_1 + ((_e41 == 0u) ? n_2 : (n_2 / 2u)))) - uvec2(1u)));
+            uint first_row_1 = ((_e41 == 0u) ? 0u : (n_3 + ((_e41 - 1u) * (n_3 / 2u))));
+            uvec2 low_3 = uvec2((max(at_2.x, 1u) - 1u), (max(at_2.y, (first_row_1 + 1u)) - 1u));
+            uvec2 high_3 = min((at_2 + uvec2(1u)), (uvec2(n_3, (first_row_1 + ((_e41 == 0u) ? n_3 : (n_3 / 2u)))) - uvec2(1u)));
             others = uint[8](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
             other_count = 0u;
             is_beside_nothing = false;
-            y = low_2.y;
+            y = low_3.y;
             bool loop_init_1 = true;
             while(true) {
                 if (!loop_init_1) {
@@ -390,12 +419,12 @@ void main() {
                 }
                 loop_init_1 = false;
                 uint _e93 = y;
-                if ((_e93 <= high_2.y)) {
+                if ((_e93 <= high_3.y)) {
                 } else {
                     break;
                 }
                 {
-                    x = low_2.x;
+                    x = low_3.x;
                     bool loop_init_2 = true;
                     while(true) {
                         if (!loop_init_2) {
@@ -404,7 +433,7 @@ void main() {
                         }
                         loop_init_2 = false;
                         uint _e98 = x;
-                        if ((_e98 <= high_2.x)) {
+                        if ((_e98 <= high_3.x)) {
                         } else {
                             break;
                         }
@@ -454,7 +483,7 @@ void main() {
                     }
                 }
             }
-            float _e148 = nearness(v_9, shown, _e41, _e42);
+            float _e148 = nearness(v_11, shown, _e41, _e42);
             float kept = ((shown != escaped) ? _e148 : 0.0);
             best = (IN_FRONT * kept);
             chosen = shown;
@@ -475,7 +504,7 @@ void main() {
                 {
                     uint _e161 = k_1;
                     uint _e163 = others[_e161];
-                    float _e164 = nearness(v_9, _e163, _e41, _e42);
+                    float _e164 = nearness(v_11, _e163, _e41, _e42);
                     float _e165 = best;
                     if ((_e164 > _e165)) {
                         best = _e164;

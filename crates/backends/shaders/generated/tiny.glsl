@@ -22,6 +22,7 @@ struct View {
     uint stamp;
     float near;
     uint mirrored;
+    uint upside_down;
     vec4 portal;
     uvec4 unused[6];
 };
@@ -48,6 +49,10 @@ struct Vertex {
     float low_z;
     uint front;
     uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
 };
 struct Chunk {
     vec3 center_high;
@@ -114,34 +119,58 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
     return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
 }
 
-vec3 turned(View v_4, vec3 d) {
-    return vec3(dot(v_4.tangent, d), dot(v_4.bitangent, d), dot(v_4.normal, d));
+vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
+    vec3 _e4 = relative(v_4, high_2, low_2);
+    float height = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    vec3 n = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
+    vec3 _e59 = on_face(v_4, n);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
+    return vec4((coefficients * (v_4.near / height)), error);
 }
 
-Triangle triangle(View v_5, uint index) {
+float depth_of(View v_5, vec4 plane, vec4 position) {
+    uint _e8 = _group_1_binding_1_cs.resolution;
+    float x_1 = (((2.0 * position.x) / float(_e8)) - 1.0);
+    float y_1 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_1, fma(plane.y, y_1, plane.z)), 1.0);
+    return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
+}
+
+float behind(vec4 plane_1, float depth) {
+    return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
+}
+
+vec3 turned(View v_6, vec3 d) {
+    return vec3(dot(v_6.tangent, d), dot(v_6.bitangent, d), dot(v_6.normal, d));
+}
+
+Triangle triangle(View v_7, uint index) {
     uint _e7 = _group_1_binding_16_cs[(3u * index)];
     Vertex a = _group_1_binding_15_cs[_e7];
     uint _e17 = _group_1_binding_16_cs[((3u * index) + 1u)];
     Vertex b = _group_1_binding_15_cs[_e17];
     uint _e27 = _group_1_binding_16_cs[((3u * index) + 2u)];
     Vertex c = _group_1_binding_15_cs[_e27];
-    vec3 high_2 = vec3(a.high_x, a.high_y, a.high_z);
-    vec3 low_2 = vec3(a.low_x, a.low_y, a.low_z);
-    vec3 to_b = ((vec3(b.high_x, b.high_y, b.high_z) - high_2) + (vec3(b.low_x, b.low_y, b.low_z) - low_2));
-    vec3 to_c = ((vec3(c.high_x, c.high_y, c.high_z) - high_2) + (vec3(c.low_x, c.low_y, c.low_z) - low_2));
-    vec3 _e60 = turned(v_5, to_b);
-    vec3 _e61 = turned(v_5, to_c);
+    vec3 high_3 = vec3(a.high_x, a.high_y, a.high_z);
+    vec3 low_3 = vec3(a.low_x, a.low_y, a.low_z);
+    vec3 to_b = ((vec3(b.high_x, b.high_y, b.high_z) - high_3) + (vec3(b.low_x, b.low_y, b.low_z) - low_3));
+    vec3 to_c = ((vec3(c.high_x, c.high_y, c.high_z) - high_3) + (vec3(c.low_x, c.low_y, c.low_z) - low_3));
+    vec3 _e60 = turned(v_7, to_b);
+    vec3 _e61 = turned(v_7, to_c);
     vec3 edges[2] = vec3[2](_e60, _e61);
-    vec3 _e63 = relative(v_5, high_2, low_2);
-    vec3 _e64 = in_frame(v_5, _e63);
+    vec3 _e63 = relative(v_7, high_3, low_3);
+    vec3 _e64 = in_frame(v_7, _e63);
     return Triangle(_e64, edges, cross(edges[0], edges[1]), a.front, a.back);
 }
 
-float inverse_there(View v_6, uint patch_id, vec3 direction) {
+float inverse_there(View v_8, uint patch_id, vec3 direction) {
     bool local_1 = false;
     bool local_2 = false;
     uint _e5 = _group_1_binding_17_cs[patch_id];
-    Triangle _e6 = triangle(v_6, _e5);
+    Triangle _e6 = triangle(v_8, _e5);
     float inverse_ = (dot(_e6.normal, direction) / dot(_e6.normal, _e6.corner));
     if (!((inverse_ > 0.0))) {
         return 0.0;
@@ -177,14 +206,14 @@ uint in_front(uint base, uint index_1) {
     float _e6 = _group_1_binding_24_cs[(6u * index_1)];
     float _e13 = _group_1_binding_24_cs[((6u * index_1) + 1u)];
     float _e20 = _group_1_binding_24_cs[((6u * index_1) + 2u)];
-    vec3 high_3 = vec3(_e6, _e13, _e20);
+    vec3 high_4 = vec3(_e6, _e13, _e20);
     float _e28 = _group_1_binding_24_cs[((6u * index_1) + 3u)];
     float _e35 = _group_1_binding_24_cs[((6u * index_1) + 4u)];
     float _e42 = _group_1_binding_24_cs[((6u * index_1) + 5u)];
-    vec3 low_3 = vec3(_e28, _e35, _e42);
+    vec3 low_4 = vec3(_e28, _e35, _e42);
     View _e46 = _group_1_binding_2_cs[base];
     View _e49 = _group_1_binding_2_cs[base];
-    vec3 _e50 = relative(_e49, high_3, low_3);
+    vec3 _e50 = relative(_e49, high_4, low_4);
     vec3 _e51 = in_frame(_e46, _e50);
     float _e56 = _group_1_binding_2_cs[base].tolerance;
     if ((_e51.z <= _e56)) {
@@ -205,23 +234,23 @@ uint in_front(uint base, uint index_1) {
         }
     }
     uint _e89 = face_1;
-    View v_7 = _group_1_binding_2_cs[(base + _e89)];
-    vec3 _e93 = on_face(v_7, _e51);
+    View v_9 = _group_1_binding_2_cs[(base + _e89)];
+    vec3 _e93 = on_face(v_9, _e51);
     float inverse_1 = (1.0 / _e93.z);
     uint _e99 = _group_1_binding_1_cs.resolution;
-    vec2 extent = vec2(float(_e99), float(v_7.rows));
+    vec2 extent = vec2(float(_e99), float(v_9.rows));
     ivec2 pixel = ivec2(clamp(((((_e93.xy * inverse_1) * 0.5) + vec2(0.5)) * extent), vec2(0.0), (extent - vec2(1.0))));
-    ivec2 at = (pixel + ivec2(0, int(v_7.first_row)));
-    vec4 _e128 = texelFetch(_group_1_binding_4_cs, ivec3(at, int(v_7.layer)), 0);
-    float depth = _e128.x;
+    ivec2 at = (pixel + ivec2(0, int(v_9.first_row)));
+    vec4 _e128 = texelFetch(_group_1_binding_4_cs, ivec3(at, int(v_9.layer)), 0);
+    float depth_2 = _e128.x;
     float _e134 = _group_1_binding_1_cs.tiny_slack;
-    if (((v_7.near * inverse_1) < (depth / (1.0 + _e134)))) {
+    if (((v_9.near * inverse_1) < (depth_2 / (1.0 + _e134)))) {
         return NOBODY;
     }
-    Triangle _e140 = triangle(v_7, index_1);
-    float behind = dot(_e140.normal, _e140.corner);
-    uint id = ((behind < 0.0) ? _e140.front : _e140.back);
-    if (!((behind == 0.0))) {
+    Triangle _e140 = triangle(v_9, index_1);
+    float behind_1 = dot(_e140.normal, _e140.corner);
+    uint id = ((behind_1 < 0.0) ? _e140.front : _e140.back);
+    if (!((behind_1 == 0.0))) {
         uint _e156 = _group_1_binding_1_cs.patch_count;
         local_4 = (id >= _e156);
     } else {
@@ -229,13 +258,13 @@ uint in_front(uint base, uint index_1) {
     }
     bool _e159 = local_4;
     if (!(_e159)) {
-        local_5 = (_e140.front == v_7.emitter);
+        local_5 = (_e140.front == v_9.emitter);
     } else {
         local_5 = true;
     }
     bool _e167 = local_5;
     if (!(_e167)) {
-        local_6 = (_e140.back == v_7.emitter);
+        local_6 = (_e140.back == v_9.emitter);
     } else {
         local_6 = true;
     }
@@ -244,15 +273,15 @@ uint in_front(uint base, uint index_1) {
         return NOBODY;
     }
     uint _e181 = _group_1_binding_1_cs.word_count;
-    uint word = atomicOr(_group_1_binding_14_cs[((v_7.layer * _e181) + (id / 32u))], 0u);
+    uint word = atomicOr(_group_1_binding_14_cs[((v_9.layer * _e181) + (id / 32u))], 0u);
     if ((((word >> (id % 32u)) & 1u) != 0u)) {
         return NOBODY;
     }
-    uvec4 _e200 = texelFetch(_group_1_binding_11_cs, ivec3(at, int(v_7.layer)), 0);
+    uvec4 _e200 = texelFetch(_group_1_binding_11_cs, ivec3(at, int(v_9.layer)), 0);
     uint shown = _e200.x;
     uint _e204 = _group_1_binding_1_cs.patch_count;
     if ((shown < _e204)) {
-        float _e209 = inverse_there(v_7, shown, (_e51 * inverse_1));
+        float _e209 = inverse_there(v_9, shown, (_e51 * inverse_1));
         local_7 = (inverse_1 < (_e209 * 0.99999));
     } else {
         local_7 = false;

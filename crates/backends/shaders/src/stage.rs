@@ -69,7 +69,7 @@ macro_rules! stages {
 }
 
 stages! {
-    /// Corners to a face: attributes 0 (high), 1 (low), 2 (patches) of [`crate::upload::VERTEX_BYTES`].
+    /// Corners to a face: attributes 0 (high), 1 (low), 2 (patches), 3 (normal) of [`crate::upload::VERTEX_BYTES`].
     RENDER: "render" "render" Vertex
         reads [] writes [];
     /// The id of the side facing the eye.

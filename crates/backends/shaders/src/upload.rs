@@ -17,10 +17,11 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Words of a vertex: high x y z, low x y z, front patch, back patch.
-pub const VERTEX_WORDS: usize = 8;
-/// Bytes of a vertex: attribute 0 at 0 (three f32), 1 at 12 (three f32), 2 at 24 (two u32).
-pub const VERTEX_BYTES: u32 = 32;
+/// Words of a vertex: high x y z, low x y z, front patch, back patch, unit normal x y z of the triangle owning it, 0.
+pub const VERTEX_WORDS: usize = 12;
+/// Bytes of a vertex: attribute 0 at 0 (three f32), 1 at 12 (three f32), 2 at 24 (two u32), 3 at 32
+/// (three f32).
+pub const VERTEX_BYTES: u32 = 48;
 
 /// A scene in the device's layout.
 #[derive(Debug)]
@@ -270,7 +271,8 @@ impl Corners {
                     let (high, low) = split(triangle.corners[k]);
                     let [hx, hy, hz] = high.map(f32::to_bits);
                     let [lx, ly, lz] = low.map(f32::to_bits);
-                    self.vertices.push([hx, hy, hz, lx, ly, lz, u32::MAX, u32::MAX]);
+                    self.vertices
+                        .push([hx, hy, hz, lx, ly, lz, u32::MAX, u32::MAX, 0, 0, 0, 0]);
                     self.owned.push(false);
                     as_u32(self.vertices.len() - 1)
                 }
@@ -279,6 +281,7 @@ impl Corners {
                 self.owned[vertex as usize] = true;
                 self.vertices[vertex as usize][6] = triangle.front;
                 self.vertices[vertex as usize][7] = triangle.back;
+                self.vertices[vertex as usize][8..11].copy_from_slice(&normal(&triangle.corners));
             }
             let free = (!self.owned[vertex as usize]).then_some(vertex);
             let entry = self.at.entry(keys[k]).or_insert((vertex, free));
@@ -288,6 +291,13 @@ impl Corners {
             self.indices.push(vertex);
         }
     }
+}
+
+/// The words of a triangle's unit normal; 0 without an area.
+fn normal(&[a, b, c]: &[DVec3; 3]) -> [u32; 3] {
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    #[allow(clippy::cast_possible_truncation, reason = "the shaders know the rounding")]
+    normal.to_array().map(|x| (x as f32).to_bits())
 }
 
 /// Splits a point into the nearest f32s and their remainders: 48 bits together.

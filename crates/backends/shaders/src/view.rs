@@ -2,7 +2,6 @@
 
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
-use glam::DVec3;
 use hemicube_contract::backend::{Geometry, Hemicube, Pass};
 use hemicube_contract::close::{CLOSE, distance_before};
 use hemicube_contract::face::Face;
@@ -14,6 +13,8 @@ pub const VIEW_WORDS: usize = 64;
 pub const VIEW_BYTES: u32 = 256;
 /// The words of the near plane's distance, and of a portal's plane.
 const NEAR_WORD: usize = 32;
+/// The word that is 1 where `clip_y` is negated.
+pub const UPSIDE_DOWN_WORD: usize = NEAR_WORD + 2;
 const PORTAL: usize = 36;
 /// Faces of a hemicube, and views of a slot.
 pub const FACES: u32 = 5;
@@ -53,13 +54,7 @@ pub fn near(geometry: &Geometry, hemicube: &Hemicube) -> f64 {
 }
 
 /// The five views of a hemicube, in the order of [`Face::ALL`].
-pub fn views(
-    geometry: &Geometry,
-    upload: &Upload,
-    hemicube: &Hemicube,
-    resolution: u32,
-    at: View,
-) -> [[u32; VIEW_WORDS]; 5] {
+pub fn views(geometry: &Geometry, hemicube: &Hemicube, resolution: u32, at: View) -> [[u32; VIEW_WORDS]; 5] {
     #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
     let narrow = |x: f64| (x as f32).to_bits();
     let near = near(geometry, hemicube);
@@ -106,7 +101,7 @@ fn near_of_pass(height: f64) -> f64 {
 }
 
 /// The five views of a pass, in slot and layer 0.
-pub fn pass_views(geometry: &Geometry, upload: &Upload, pass: &Pass<'_>, resolution: u32) -> [[u32; VIEW_WORDS]; 5] {
+pub fn pass_views(geometry: &Geometry, pass: &Pass<'_>, resolution: u32) -> [[u32; VIEW_WORDS]; 5] {
     let hemicube = Hemicube {
         emitter: None,
         origin: pass.origin,
@@ -117,7 +112,7 @@ pub fn pass_views(geometry: &Geometry, upload: &Upload, pass: &Pass<'_>, resolut
         layer: 0,
         stamp: FIRST_STAMP,
     };
-    let mut views = views(geometry, upload, &hemicube, resolution, at);
+    let mut views = views(geometry, &hemicube, resolution, at);
     let [x, y, z] = pass.axes;
     let height = pass.normal.dot(pass.origin) - pass.offset;
     #[allow(clippy::cast_possible_truncation, reason = "rounding is allowed for")]
@@ -136,7 +131,6 @@ pub fn pass_views(geometry: &Geometry, upload: &Upload, pass: &Pass<'_>, resolut
 /// The views of a submission, five a slot. The groups' stamps begin at `first_stamp`.
 pub fn submission_views(
     geometry: &Geometry,
-    upload: &Upload,
     plan: &Plan,
     hemicubes: &[Hemicube],
     first_stamp: u32,
@@ -149,7 +143,7 @@ pub fn submission_views(
                 layer: slot % plan.group,
                 stamp: first_stamp.wrapping_add(slot / plan.group),
             };
-            views(geometry, upload, hemicube, plan.resolution, at)
+            views(geometry, hemicube, plan.resolution, at)
         })
         .collect()
 }

@@ -226,7 +226,6 @@ fn near_planes(triangles: &[[DVec3; 3]]) -> Vec<f64> {
         triangles: triangles.iter().map(triangle).collect(),
         ..Scene::default()
     });
-    let upload = Upload::new(model.geometry()).expect("a scene that fits");
     let patches = 0..u32::try_from(triangles.len()).expect("few");
     patches
         .map(|p| near(model.geometry(), &model.hemicubes(InputPatch(p), 1, false)[0]))

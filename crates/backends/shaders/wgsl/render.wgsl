@@ -3,6 +3,7 @@
 struct Corner {
     @builtin(position) @invariant position: vec4<f32>,
     @location(0) @interpolate(flat) patches: vec2<u32>,
+    @location(1) @interpolate(flat) plane: vec4<f32>,
 }
 
 @vertex
@@ -10,8 +11,9 @@ fn render(
     @location(0) high: vec3<f32>,
     @location(1) low: vec3<f32>,
     @location(2) patches: vec2<u32>,
+    @location(3) normal: vec3<f32>,
 ) -> Corner {
-    return Corner(clip_position(view, high, low), patches);
+    return Corner(clip_position(view, high, low), patches, plane_on_face(view, high, low, normal));
 }
 
 struct Seen {
@@ -19,13 +21,10 @@ struct Seen {
     @builtin(frag_depth) depth: f32,
 }
 
-// A blocking back's depth is lowered by this factor, 2⁻¹⁹. It is above the rounding of two depths, so that any patch at
-// the same place is in front of it: two houses may share a wall. More would let patches through that are a hair behind.
-const BACK: f32 = 0.9999980926513672;
-
-fn seen(front: bool, patches: vec2<u32>, depth: f32) -> Seen {
+fn seen(front: bool, patches: vec2<u32>, plane: vec4<f32>, position: vec4<f32>) -> Seen {
     let id = select(patches.y, patches.x, front);
-    return Seen(id, select(depth, depth * BACK, id == settings.patch_count));
+    let depth = depth_of(view, plane, position);
+    return Seen(id, select(depth, behind(plane, depth), id == settings.patch_count));
 }
 
 @fragment
@@ -33,8 +32,9 @@ fn identify(
     @builtin(position) position: vec4<f32>,
     @builtin(front_facing) front: bool,
     @location(0) @interpolate(flat) patches: vec2<u32>,
+    @location(1) @interpolate(flat) plane: vec4<f32>,
 ) -> Seen {
-    return seen(front, patches, position.z);
+    return seen(front, patches, plane, position);
 }
 
 // For hemicubes outside the plane of their emitter: it must be left out by its id.
@@ -43,17 +43,18 @@ fn identify_others(
     @builtin(position) position: vec4<f32>,
     @builtin(front_facing) front: bool,
     @location(0) @interpolate(flat) patches: vec2<u32>,
+    @location(1) @interpolate(flat) plane: vec4<f32>,
 ) -> Seen {
     if (any(patches == vec2<u32>(view.emitter))) {
         discard;
     }
-    return seen(front, patches, position.z);
+    return seen(front, patches, plane, position);
 }
 
 // For `edges=exact`: a blocking back is named by the patch at its front, so that the settle stage knows its triangle.
 // Until rows are summed up, ids are patches, `patch_count + 1` for escaped, and `patch_count + 2` and more for backs.
-fn seen_side(front: bool, patches: vec2<u32>, depth: f32) -> Seen {
-    let shown = seen(front, patches, depth);
+fn seen_side(front: bool, patches: vec2<u32>, plane: vec4<f32>, position: vec4<f32>) -> Seen {
+    let shown = seen(front, patches, plane, position);
     let side = settings.patch_count + 2u + patches.x;
     return Seen(select(shown.id, side, shown.id == settings.patch_count), shown.depth);
 }
@@ -63,8 +64,9 @@ fn identify_sides(
     @builtin(position) position: vec4<f32>,
     @builtin(front_facing) front: bool,
     @location(0) @interpolate(flat) patches: vec2<u32>,
+    @location(1) @interpolate(flat) plane: vec4<f32>,
 ) -> Seen {
-    return seen_side(front, patches, position.z);
+    return seen_side(front, patches, plane, position);
 }
 
 @fragment
@@ -72,11 +74,12 @@ fn identify_other_sides(
     @builtin(position) position: vec4<f32>,
     @builtin(front_facing) front: bool,
     @location(0) @interpolate(flat) patches: vec2<u32>,
+    @location(1) @interpolate(flat) plane: vec4<f32>,
 ) -> Seen {
     if (any(patches == vec2<u32>(view.emitter))) {
         discard;
     }
-    return seen_side(front, patches, position.z);
+    return seen_side(front, patches, plane, position);
 }
 
 @fragment

@@ -24,6 +24,8 @@ struct View {
     near: f32,
     // 1 for left-handed axes: behind a mirror.
     mirrored: u32,
+    // 1 where clip_y is negated, for an API with rows from above.
+    upside_down: u32,
     // A portal's plane: normal, and the eye's height above it. Zero without one.
     portal: vec4<f32>,
     unused: array<vec4<u32>, 6>,
@@ -58,6 +60,11 @@ struct Vertex {
     low_z: f32,
     front: u32,
     back: u32,
+    // The unit normal of the triangle owning it.
+    normal_x: f32,
+    normal_y: f32,
+    normal_z: f32,
+    unused: f32,
 }
 
 // A run of triangles and its box: src/chunks.rs.
@@ -101,4 +108,40 @@ fn on_face(v: View, p: vec3<f32>) -> vec3<f32> {
 fn clip_position(v: View, high: vec3<f32>, low: vec3<f32>) -> vec4<f32> {
     let c = on_face(v, in_frame(v, relative(v, high, low)));
     return vec4<f32>(c.x, c.y, v.near, c.z);
+}
+
+// The plane of the triangle that owns a corner, as it is on a face. On the image near / w is affine in X and Y, which
+// run from -1 to 1 as columns and rows do: xyz are its coefficients of X, Y and 1. w: the relative error of it, at most.
+fn plane_on_face(v: View, high: vec3<f32>, low: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
+    let r = relative(v, high, low);
+    let height = normal.x * r.x + normal.y * r.y + normal.z * r.z;
+    let n = vec3<f32>(
+        v.tangent.x * normal.x + v.tangent.y * normal.y + v.tangent.z * normal.z,
+        v.bitangent.x * normal.x + v.bitangent.y * normal.y + v.bitangent.z * normal.z,
+        v.normal.x * normal.x + v.normal.y * normal.y + v.normal.z * normal.z,
+    );
+    let turned = on_face(v, n);
+    let q = vec3<f32>(turned.x, select(turned.y, -turned.y, v.upside_down == 1u), turned.z);
+    // A side's clip_y is 2 up - forward, and up is (Y + 1) / 2 there.
+    let up = 0.25 * (q.y + q.z);
+    let coefficients = select(vec3<f32>(q.x, up, up + q.z), q, v.face == 0u);
+    // Rounding of r, of the normal, and of three products each.
+    let error = (abs(r.x) + abs(r.y) + abs(r.z)) * 2.384185791015625e-7 / abs(height);
+    return vec4<f32>(coefficients * (v.near / height), error);
+}
+
+// The depth of a triangle's plane at a pixel. Drivers interpolate depths between corners that they have snapped to a
+// fraction of a pixel, so that of two triangles of one plane either may be nearer. Of a triangle seen edge-on the
+// driver's depth is as good.
+fn depth_of(v: View, plane: vec4<f32>, position: vec4<f32>) -> f32 {
+    let x = 2.0 * position.x / f32(settings.resolution) - 1.0;
+    let y = 2.0 * (position.y - f32(v.first_row)) / f32(v.rows) - 1.0;
+    let depth = min(fma(plane.x, x, fma(plane.y, y, plane.z)), 1.0);
+    return select(position.z, depth, abs(depth - position.z) <= 0.0625 * position.z);
+}
+
+// A blocking back's depth is lowered by this factor, 2^-19, and by the error of its plane: any patch at the same place
+// is in front of it, as two houses may share a wall. More would let patches through that are a hair behind.
+fn behind(plane: vec4<f32>, depth: f32) -> f32 {
+    return depth * (0.9999980926513672 - min(plane.w, 0.0009765625));
 }

@@ -5,6 +5,7 @@ struct CornerBeyond {
     @location(0) @interpolate(flat) patches: vec2<u32>,
     // Height above the portal's plane.
     @location(1) height: f32,
+    @location(2) @interpolate(flat) plane: vec4<f32>,
 }
 
 @vertex
@@ -12,13 +13,15 @@ fn through(
     @location(0) high: vec3<f32>,
     @location(1) low: vec3<f32>,
     @location(2) patches: vec2<u32>,
+    @location(3) normal: vec3<f32>,
 ) -> CornerBeyond {
     let r = relative(view, high, low);
     let height = view.portal.x * r.x + view.portal.y * r.y + view.portal.z * r.z + view.portal.w;
     // A point in the plane but for rounding is put there: the portal itself is not seen. The sum of three is at most
     // √3 times the distance: within HEIGHT_SLACK of the contract.
     let snap = view.tolerance + (abs(r.x) + abs(r.y) + abs(r.z)) * 9.5367431640625e-7;
-    return CornerBeyond(clip_position(view, high, low), patches, select(height, 0.0, abs(height) <= snap));
+    let beyond = select(height, 0.0, abs(height) <= snap);
+    return CornerBeyond(clip_position(view, high, low), patches, beyond, plane_on_face(view, high, low, normal));
 }
 
 struct SeenBeyond {
@@ -26,21 +29,20 @@ struct SeenBeyond {
     @builtin(frag_depth) depth: f32,
 }
 
-// As `BACK` of render.wgsl.
-const BACK: f32 = 0.9999980926513672;
-
 @fragment
 fn identify_through(
     @builtin(position) position: vec4<f32>,
     @builtin(front_facing) front: bool,
     @location(0) @interpolate(flat) patches: vec2<u32>,
     @location(1) height: f32,
+    @location(2) @interpolate(flat) plane: vec4<f32>,
 ) -> SeenBeyond {
     if (height <= 0.0) {
         discard;
     }
     let id = select(patches.y, patches.x, front != (view.mirrored == 1u));
-    return SeenBeyond(id, select(position.z, position.z * BACK, id == settings.patch_count));
+    let depth = depth_of(view, plane, position);
+    return SeenBeyond(id, select(depth, behind(plane, depth), id == settings.patch_count));
 }
 
 @group(1) @binding(25) var<storage, read> first_depths: array<f32>;

@@ -339,13 +339,7 @@ impl Loaded {
     /// Submits hemicubes on a free frame.
     fn submit(&mut self, at: usize, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
         let group = self.scene.plan.group;
-        let views = submission_views(
-            &self.geometry,
-            &self.scene.upload,
-            &self.scene.plan,
-            hemicubes,
-            self.stamp,
-        );
+        let views = submission_views(&self.geometry, &self.scene.plan, hemicubes, self.stamp);
         #[allow(clippy::cast_possible_truncation, reason = "at most a batch")]
         let slots = hemicubes.len() as u32;
         self.stamp += slots.div_ceil(group);
@@ -470,7 +464,7 @@ impl Loaded {
         let frame = &self.scene.frames[0];
         frame
             .views
-            .write(0, pass_views(&self.geometry, upload, pass, n).as_flattened())?;
+            .write(0, pass_views(&self.geometry, pass, n).as_flattened())?;
         let words: Vec<u32> = first_depths(pass, n).into_iter().map(f32::to_bits).collect();
         depths.write(0, &words)?;
         let draws = draws(upload, pass, n);

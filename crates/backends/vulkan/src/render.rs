@@ -110,6 +110,7 @@ fn graphics(
         (0, vk::Format::R32G32B32_SFLOAT, 0),
         (1, vk::Format::R32G32B32_SFLOAT, 12),
         (2, vk::Format::R32G32_UINT, 24),
+        (3, vk::Format::R32G32B32_SFLOAT, 32),
     ]
     .map(|(location, format, offset)| vk::VertexInputAttributeDescription {
         location,

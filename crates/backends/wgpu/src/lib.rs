@@ -251,7 +251,7 @@ impl Loaded {
             first_slot: 0,
             clock: side.clock.as_mut(),
         };
-        let views = submission_views(&self.geometry, &self.upload, &self.plan, hemicubes, self.stamp);
+        let views = submission_views(&self.geometry, &self.plan, hemicubes, self.stamp);
         for members in hemicubes.chunks(self.plan.group as usize) {
             self.stamp = self.stamp.wrapping_add(1);
             let group = Group::of(&self.geometry, &self.upload, members);
@@ -336,7 +336,7 @@ impl Loaded {
         let side = &self.sides[0];
         let draws = draws(&self.upload, pass, n);
         scene.draw_pass(&mut encoder, &side.view_group, &first.bound, &draws);
-        let (_, drawn) = view_bytes(&pass_views(&self.geometry, &self.upload, pass, n));
+        let (_, drawn) = view_bytes(&pass_views(&self.geometry, pass, n));
         device.queue.write_buffer(&side.drawn_views, 0, &drawn);
         self.read_items(device, encoder)
     }

@@ -10,7 +10,7 @@ use hemicube_shaders::pass::FaceDraw;
 use hemicube_shaders::recording::identify;
 use hemicube_shaders::stage::{self, Stage, binding as b};
 use hemicube_shaders::upload::VERTEX_BYTES;
-use hemicube_shaders::view::{FACES, VIEW_BYTES, VIEW_WORDS, stands_on_emitter};
+use hemicube_shaders::view::{FACES, UPSIDE_DOWN_WORD, VIEW_BYTES, VIEW_WORDS, stands_on_emitter};
 use hemicube_shaders::{Edges, Phase, Plan, Upload};
 use std::num::NonZeroU64;
 use wgpu::{
@@ -312,6 +312,7 @@ impl Rendering {
             attribute(VertexFormat::Float32x3, 0, 0),
             attribute(VertexFormat::Float32x3, 12, 1),
             attribute(VertexFormat::Uint32x2, 24, 2),
+            attribute(VertexFormat::Float32x3, 32, 3),
         ];
         compiler.draw(&wgpu::RenderPipelineDescriptor {
             label: Some(fragment.map_or("depths", |(stage, _)| stage.entry)),
@@ -386,6 +387,7 @@ fn upside_down(mut view: [u32; VIEW_WORDS]) -> [u32; VIEW_WORDS] {
     for word in &mut view[CLIP_Y..CLIP_Y + 3] {
         *word ^= 1 << 31;
     }
+    view[UPSIDE_DOWN_WORD] = 1;
     view
 }
 
@@ -548,7 +550,7 @@ mod tests {
         }
         let turned = upside_down(view);
         let changed: Vec<usize> = (0..VIEW_WORDS).filter(|&i| turned[i] != view[i]).collect();
-        assert_eq!(changed, [24, 25, 26]);
+        assert_eq!(changed, [24, 25, 26, UPSIDE_DOWN_WORD]);
         assert_eq!(f32::from_bits(turned[25]), -1.5);
     }
 }
