@@ -96,7 +96,7 @@ fn has_exact_edges(name: &str) {
         "{text}{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    assert!(text.contains("gpu-2-exact"), "it is told from the driver's: {text}");
+    assert!(text.contains("gpu-3-exact"), "it is told from the driver's: {text}");
     let shares = shares_of_pixels(&text);
     assert_eq!(shares.len(), 9, "a share of each scene: {text}");
     say(&format!("{name}, exact edges: {shares:?}"));
@@ -283,7 +283,7 @@ fn a_wall_right_before_a_patch_is_seen() {
         assert_eq!(report["row_sum"]["mean"], 1.0, "{name}");
         let version = report["backend"]["version"].as_str().expect("a version");
         assert!(
-            version.starts_with("gpu-2-exact+"),
+            version.starts_with("gpu-3-exact+"),
             "it is told from the plugin's alone: {version}"
         );
     }

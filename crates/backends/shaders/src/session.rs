@@ -5,10 +5,10 @@ use hemicube_contract::backend::{BackendError, Capabilities, Geometry, Hemicube}
 use std::ffi::CStr;
 
 /// The version of the arithmetic with [`Edges::Driver`]: raised when any row could change by a bit on the same driver.
-pub const VERSION: &CStr = c"gpu-2";
+pub const VERSION: &CStr = c"gpu-3";
 
 /// The version with [`Edges::Exact`]: its rows differ.
-const EXACT_VERSION: &CStr = c"gpu-2-exact";
+const EXACT_VERSION: &CStr = c"gpu-3-exact";
 
 /// The version reported by a session.
 pub fn version(edges: Edges) -> String {
