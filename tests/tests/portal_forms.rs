@@ -338,7 +338,7 @@ fn a_tube_of_facets_converges_by_the_square_of_their_number() {
 }
 
 #[test]
-#[ignore = "half a minute of processor time"]
+#[ignore = "13 seconds of processor time"]
 fn a_tube_of_more_facets_converges_likewise() {
     converges(&[12, 24, 48, 96], "--tolerance 0.02%");
 }

@@ -117,6 +117,23 @@ fn patches_of_several_optics_are_refused_by_name() {
     }
 }
 
+/// Solvers that read rows of what stays are not sent to `balance`, which leaves arrivals as they are.
+#[test]
+fn solvers_of_closed_rows_are_refused_arrivals() {
+    let place = place(&room(1., 1., 1.), MIRROR);
+    place.line("compute scene.obj --specular optics.toml -o store").is(0);
+    for solver in ["elmer", "calculix"] {
+        place
+            .line(&format!("export store ViewFactors.dat --for {solver}"))
+            .is(2)
+            .says(&["arrives through mirrors and panes", "hint: `hemicube exchange`"]);
+    }
+    place.line("compute scene.obj -o closed").is(0);
+    place
+        .line("export closed ViewFactors.dat --for elmer --overwrite")
+        .is(0);
+}
+
 #[test]
 fn compact_stores_hold_what_mirrors_get_again_and_again() {
     let place = place(&room(1., 1., 3.), FOUR);

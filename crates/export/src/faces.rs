@@ -320,6 +320,13 @@ impl<'a> Faces<'a> {
             }
         }
         found.reciprocity = probe.map(|probe| probe.residual());
+        if needs.sums != Sums::Free && self.goes_through_mirrors() {
+            return Err(self.unfit(
+                "its rows are of what arrives through mirrors and panes, which hand on a part of it, and here rows of what \
+                 stays are read",
+                "`hemicube exchange` has what surfaces exchange by them; or compute without `--specular`",
+            ));
+        }
         if needs.sums != Sums::Free && found.sums[1] > 1.0 + SUM_ERROR {
             return Err(self.unfit(
                 format!("{} sums to {:.6}, above 1", self.named(most), found.sums[1]),
@@ -338,6 +345,10 @@ impl<'a> Faces<'a> {
             ));
         }
         Ok(found)
+    }
+
+    fn goes_through_mirrors(&self) -> bool {
+        !self.store.manifest().settings["portals"]["specular"].is_null()
     }
 
     fn balance(&self, option: &str) -> String {

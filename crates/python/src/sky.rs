@@ -287,6 +287,9 @@ fn directions(given: &Bound<'_, PyAny>) -> PyResult<Vec<DVec3>> {
     suns.map(direction).collect()
 }
 
+/// Rows of patches, and the light of suns, if there are any.
+type Found = (Vec<SkyRow>, Option<Vec<f32>>);
+
 /// Rows of patches, and suns, through portals.
 struct Task<'a> {
     scene: &'a Scene,
@@ -298,11 +301,7 @@ struct Task<'a> {
 
 impl Task<'_> {
     /// Rows, and the light of suns; `None` where interrupted.
-    fn run(
-        &self,
-        suns: Option<&[DVec3]>,
-        attendant: &Attendant<'_, (usize, usize)>,
-    ) -> PyResult<Option<(Vec<SkyRow>, Option<Vec<f32>>)>> {
+    fn run(&self, suns: Option<&[DVec3]>, attendant: &Attendant<'_, (usize, usize)>) -> PyResult<Option<Found>> {
         let Self { scene, request, .. } = *self;
         let per_edge = request.options.samples_per_edge;
         let rows: Vec<(InputPatch, u32)> = scene.patches.iter().map(|patch| (patch, per_edge)).collect();

@@ -254,6 +254,35 @@ def test_an_interrupted_run_through_portals_is_resumed_to_the_same_bytes(tmp_pat
             assert (once / file).read_bytes() == (at_once / file).read_bytes(), file
 
 
+SLOW_SKY = """
+import os, signal, threading, time
+import hemicube
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+scene = hemicube.Scene.generate("city", 6_000)
+sent = []
+
+def interrupt():
+    time.sleep(1)
+    sent.append(time.monotonic())
+    os.kill(os.getpid(), signal.SIGINT)
+
+threading.Thread(target=interrupt, daemon=True).start()
+try:
+    mirrors = {"material": {"*": {"specular": 0.3}}}
+    hemicube.sky(scene, up="y", resolution=512, samples=16, specular=mirrors)
+except KeyboardInterrupt:
+    print(time.monotonic() - sent[0])
+"""
+
+
+def test_an_interrupt_ends_a_row_of_the_sky_in_mirrors() -> None:
+    ended = subprocess.run([sys.executable, "-c", SLOW_SKY], capture_output=True, text=True, timeout=300, check=False)
+    assert ended.returncode == 0, ended.stderr
+    # A row takes half a minute.
+    assert float(ended.stdout) < 5
+
+
 def test_another_matrix_of_portals_in_the_way_is_named_by_keywords(tmp_path: pathlib.Path) -> None:
     place = tmp_path / "street.hemicube"
     keywords = {"specular": OPTICS, **IMAGES, "repeats": 2, "correction": "pixel", "resolution": 64}

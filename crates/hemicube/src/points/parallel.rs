@@ -3,6 +3,7 @@
 use crate::driver::compute::ComputeError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
+use std::time::Duration;
 
 /// A number of threads; 0 is one a core.
 pub(crate) fn threads_of(threads: usize) -> usize {
@@ -12,7 +13,12 @@ pub(crate) fn threads_of(threads: usize) -> usize {
     }
 }
 
+/// Longest time between two calls of a progress.
+const PATIENCE: Duration = Duration::from_millis(50);
+
 /// Does something for each of `count` rows by several threads, each with a state of its own, and keeps the order.
+/// `progress` is told how many are done, after each and while none is, and says whether to go on; rows under way are
+/// waited for.
 pub(crate) fn in_parallel<S: Send, R: Send>(
     count: usize,
     states: Vec<S>,
@@ -40,13 +46,20 @@ pub(crate) fn in_parallel<S: Send, R: Send>(
             });
         }
         drop(sender);
-        for (done, (index, result)) in receiver.into_iter().enumerate() {
-            rows[index] = Some(result?);
-            if !progress(done + 1) {
-                return Ok::<bool, ComputeError>(false);
+        let mut done = 0;
+        loop {
+            match receiver.recv_timeout(PATIENCE) {
+                Ok((index, result)) => {
+                    rows[index] = Some(result?);
+                    done += 1;
+                }
+                Err(mpsc::RecvTimeoutError::Timeout) => {}
+                Err(mpsc::RecvTimeoutError::Disconnected) => return Ok::<bool, ComputeError>(true),
+            }
+            if !progress(done) {
+                return Ok(false);
             }
         }
-        Ok(true)
     })?;
     // Every row is there unless a thread ended early, and then there was an error.
     Ok(finished.then(|| rows.into_iter().flatten().collect()))

@@ -14,6 +14,7 @@ use crate::delta::DeltaTable;
 use crate::face::{Face, Items};
 use crate::geometry::Plane;
 use glam::DVec3;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
@@ -150,12 +151,14 @@ impl ThroughPortals {
 
     /// Follows the pixels of a hemicube that show a portal. `act` is told the end of every path behind the first portal
     /// and its weight in 1024ths of a pixel's; ends at patches are told before their paths go on. Returns the weight
-    /// that first portals handed on: ends at patches less what these pass on, and the other ends, sum to it.
+    /// that first portals handed on: ends at patches less what these pass on, and the other ends, sum to it. Once `stop`
+    /// is true, no further pixels are followed.
     pub fn look(
         &mut self,
         hemicube: &Hemicube,
         items: &Items,
         table: &DeltaTable,
+        stop: &AtomicBool,
         act: impl FnMut(PathEnd, u64),
     ) -> u64 {
         self.motions.begin();
@@ -163,6 +166,9 @@ impl ThroughPortals {
         self.tracer.legs_max = LEGS;
         let mut told = Told { act, sent: 0 };
         for (_, face, x, y, towards) in self.pixels(hemicube, items) {
+            if stop.load(Ordering::Relaxed) {
+                break;
+            }
             let weight = u64::from(table.weight(face, x, y)) * FINE;
             let ray = first(hemicube.origin, towards, hemicube.axes[2], weight);
             let ends = self.ends(weight);

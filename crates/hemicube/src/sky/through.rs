@@ -16,6 +16,7 @@ use crate::portal::sight::{PathEnd, ThroughPortals};
 use crate::portal::{Images, Specular};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// n: rays to a sun start from n² points of a patch.
 pub const SUN_POINTS: u32 = 4;
@@ -42,6 +43,8 @@ struct Worker<'a> {
     through: ThroughPortals,
     /// Directions in which weight leaves the scene, and that weight in 1024ths.
     left: Vec<(DVec3, u64)>,
+    /// True once rows are not wanted any more, and the one under way ends.
+    stop: &'a AtomicBool,
 }
 
 /// Sky rows of patches through mirrors and panes. Otherwise as [`sky_of_patches`](super::sky_of_patches), without
@@ -60,11 +63,13 @@ pub fn sky_through_portals(
     backend
         .load(model.geometry(), options.render)
         .map_err(|error| failed(backend.as_ref(), error))?;
+    let stop = AtomicBool::new(false);
     let worker = |session| Worker {
         session,
         bins: Bins::new(glazed.division, glazed.horizon),
         through: ThroughPortals::new(glazed.specular, glazed.images, model),
         left: Vec::new(),
+        stop: &stop,
     };
     let mut workers = Vec::new();
     for _ in 1..threads_of(options.threads).clamp(1, rows.len().max(1)) {
@@ -80,7 +85,11 @@ pub fn sky_through_portals(
             let (patch, samples) = rows[index];
             worker.row(model, patch, samples, options.rotate, &table)
         },
-        progress,
+        &mut |done| {
+            let goes_on = progress(done);
+            stop.store(!goes_on, Ordering::Relaxed);
+            goes_on
+        },
     )
 }
 
@@ -104,11 +113,12 @@ impl Worker<'_> {
                 .map_err(|error| failed(self.session.as_ref(), error))?;
             blocked += self.bins.add_items(&items, table, &hemicube.axes, |_, _| {});
             let left = &mut self.left;
-            self.through.look(hemicube, &items, table, |end, weight| match end {
-                PathEnd::Nothing(towards) => left.push((towards, weight)),
-                PathEnd::Back => behind += weight,
-                PathEnd::Patch { .. } | PathEnd::CutOff => {}
-            });
+            self.through
+                .look(hemicube, &items, table, self.stop, |end, weight| match end {
+                    PathEnd::Nothing(towards) => left.push((towards, weight)),
+                    PathEnd::Back => behind += weight,
+                    PathEnd::Patch { .. } | PathEnd::CutOff => {}
+                });
         }
         // Carry each ray's fraction of a unit over to the next ray: the sum is exact.
         let mut rest = 0;
