@@ -314,3 +314,60 @@ fn times_foretold_are_within_twice_the_times_taken() {
     assert!(String::from_utf8_lossy(&ran.stderr).contains("further off than 1.0001 times"));
     assert_eq!(ran.status.code(), Some(1));
 }
+
+/// Two layers of crossed strips in a room: a row has hundreds of contour integrals, and takes ten times a room's.
+fn screens(strips: u32) -> Vec<[DVec3; 3]> {
+    let mut mesh: Vec<[DVec3; 3]> = box_inside(DVec3::splat(2.0)).into_iter().flat_map(quad).collect();
+    for z in [1.0, 1.0001] {
+        for k in 0..strips {
+            let x = 0.1 + 1.8 * f64::from(k) / f64::from(strips);
+            let (y, above) = (x + 0.6 / f64::from(strips), z + 1e-5);
+            let along = [(x, 0.1), (y, 0.1), (y, 1.9), (x, 1.9)].map(|(u, v)| DVec3::new(u, v, z));
+            let across = [(0.1, x), (1.9, x), (1.9, y), (0.1, y)].map(|(u, v)| DVec3::new(u, v, above));
+            for strip in [along, across] {
+                mesh.extend([strip, flipped(strip)].into_iter().flat_map(quad));
+            }
+        }
+    }
+    mesh
+}
+
+#[test]
+fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
+    /// `MOST_STEPS` of the forecast, and the first rows of at most eight strata: four of 30 million steps at most.
+    const MOST: u64 = 1_000_000_000 + 8 * 4 * 30_000_000;
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let scene = place.path().join("screens.obj");
+    write(&scene, &screens(150));
+    let found = &json(&scene, &[])["forecast"];
+    assert_eq!(found["met_bound"], true, "{found}");
+    let (rows, steps) = (&found["measured_rows"], &found["measured_steps"]);
+    assert!(rows.as_u64().is_some_and(|rows| (10..400).contains(&rows)), "{rows}");
+    // All 500 rows of the sample take ten times as many.
+    assert!(steps.as_u64().is_some_and(|steps| steps < MOST), "{steps}");
+    // No clock decides, and no number of threads.
+    let by = |arguments: &[&str]| {
+        let mut found = json(&scene, arguments)["forecast"].clone();
+        let fields = found.as_object_mut().expect("a forecast");
+        (fields.remove("threads").expect("a number"), found)
+    };
+    let (one, other) = (by(&["--threads", "1"]), by(&["--threads", "3"]));
+    assert_eq!((&one.0, &other.0), (&1.into(), &3.into()));
+    assert_eq!(one.1, other.1);
+    let other_rows = by(&["--threads", "1", "--seed", "2"]).1;
+    assert_ne!(
+        one.1["measured_steps"], other_rows["measured_steps"],
+        "other rows are other work"
+    );
+    assert!(inspect(&scene, &[]).contains(&format!("by {rows} rows only: such rows take long")));
+
+    // Rows that fit the bound are all measured.
+    write(&scene, &screens(2));
+    let found = &json(&scene, &[])["forecast"];
+    let patches = json(&scene, &[])["patches"]["count"].clone();
+    assert_eq!(
+        (&found["met_bound"], &found["measured_rows"]),
+        (&false.into(), &patches)
+    );
+    assert!(!inspect(&scene, &[]).contains("only: such rows"));
+}

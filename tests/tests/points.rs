@@ -7,7 +7,7 @@ use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
 use hemicube::frame::Horizon;
 use hemicube::points::{Body, PointOptions, Sensor, rows_of_sensors};
-use hemicube::reference::PointReference;
+use hemicube::reference::{PointReference, PointReferenceRow};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_scene::{Axis, Subdivision};
 use hemicube_tests::runs::{Place, Ran};
@@ -315,6 +315,114 @@ fn reference_rays_find_solid_angles() {
         let exact = rectangle(solid(h), u, v) / (4.0 * PI);
         assert!((found - exact).abs() < 3e-5, "{name}: {found} {exact}");
     }
+}
+
+#[test]
+fn reference_rays_end_by_the_error_asked_or_at_their_bound() {
+    let scene = hemicube_scene::obj::read(furnished().as_bytes(), None, Default::default());
+    let model = hemicube_tests::scenes::model(scene.expect("a room"), Subdivision::Levels(1));
+    let sensors = [[1.0, 0.5, 1.1], [3.1, 2.4, 1.1], [5.2, 4.4, 0.3]].map(|point| Sensor {
+        position: DVec3::from_array(point),
+        body: Body::Sphere,
+    });
+    let found = |target: f64, most: u64, threads: usize| {
+        let reference = PointReference::new(&model, Horizon::new(Axis::Z, 0.0), 1e-8).expect("a reference");
+        let reference = reference.with_target(target).with_most_ends(most);
+        let rows = reference.rows(&sensors, threads, &mut |_| true).expect("rows");
+        rows.expect("not told to stop")
+    };
+    let bits = |rows: &[PointReferenceRow]| {
+        let of = |row: &PointReferenceRow| (row.row.patches.clone(), row.error.to_bits(), row.rays, row.met_bound);
+        rows.iter().map(of).collect::<Vec<_>>()
+    };
+    let off = |rows: &[PointReferenceRow], other: &[PointReferenceRow]| -> Vec<f64> {
+        let of = |row: &PointReferenceRow, patch| {
+            let place = row.row.patches.binary_search_by_key(&patch, |entry| entry.0);
+            place.map_or(0.0, |place| row.row.patches[place].1)
+        };
+        let pair = |(row, other): (&PointReferenceRow, &PointReferenceRow)| {
+            let patches = row.row.patches.iter().chain(&other.row.patches).map(|entry| entry.0);
+            let patches: std::collections::BTreeSet<_> = patches.collect();
+            let squares = patches.iter().map(|&patch| (of(row, patch) - of(other, patch)).powi(2));
+            squares.sum::<f64>().sqrt()
+        };
+        rows.iter().zip(other).map(pair).collect()
+    };
+    let norm = |row: &PointReferenceRow| {
+        row.row
+            .patches
+            .iter()
+            .map(|entry| entry.1 * entry.1)
+            .sum::<f64>()
+            .sqrt()
+    };
+    let best = found(0.0, u64::MAX, 0);
+    for target in [1e-3, 1e-4] {
+        let rows = found(target, 1 << 25, 1);
+        // No clock and no thread decides.
+        assert_eq!(bits(&rows), bits(&found(target, 1 << 25, 3)));
+        for ((row, best), off) in rows.iter().zip(&best).zip(off(&rows, &best)) {
+            assert!(
+                !row.met_bound && row.error <= target * norm(row),
+                "{target}: {}",
+                row.error
+            );
+            assert!(off <= 3.0 * (row.error + best.error), "{target}: {off}, {}", row.error);
+            assert!(row.rays < best.rays / 2, "{} {}", row.rays, best.rays);
+        }
+    }
+    // A bound below what the target takes: said, kept but for the first cut once more, and told by the error.
+    let (first, rows) = (found(1.0, 1, 1), found(1e-5, 1 << 19, 1));
+    assert_eq!(bits(&rows), bits(&found(1e-5, 1 << 19, 3)));
+    for (((row, first), best), off) in rows.iter().zip(&first).zip(&best).zip(off(&rows, &best)) {
+        assert!(row.met_bound && row.error > 1e-5 * norm(row));
+        assert!(
+            row.error <= first.error && row.rays <= (1 << 19) + first.rays,
+            "{} {}",
+            row.rays,
+            first.rays
+        );
+        assert!(off <= 3.0 * (row.error + best.error), "{off}, {}", row.error);
+    }
+}
+
+#[test]
+fn rays_verify_points_under_glass() {
+    let place = Place::new();
+    let size = [5.0, 4.0, 3.0];
+    place.write(
+        "tub.obj",
+        room(size, &["ceiling"]) + "v 0 0 3\nv 5 0 3\nv 5 4 3\nv 0 4 3\no pane\nf 9 10 11 12\nf 12 11 10 9\n",
+    );
+    place.write("optics.toml", "[object.pane]\ntransmittance = 0.5\n");
+    place.write("point.txt", "1.2 3.3 1.1\n4.0 1.0 0.6\n");
+    let line = "tub.obj --points point.txt --up z --specular optics.toml --tolerance 0.1%";
+    let seen = &rows(&place, line);
+    for (row, point) in seen.iter().zip([[1.2, 3.3, 1.1], [4.0, 1.0, 0.6]]) {
+        let (_, h, u, v) = sides_of(size, point)[1];
+        let pane = rectangle(solid(h), u, v) / (4.0 * PI);
+        assert!((number(&row["sky"]) - 0.5 * pane).abs() < 2e-4, "{row}");
+    }
+    let fine = place.line(&format!("points {line} --verify 2 --json")).is(0).json();
+    let of = |report: &Value, key: &str| number(&report["verified"][key]);
+    assert!(
+        of(&fine, "noise") < 2e-4 && of(&fine, "error") <= 1e-3 + of(&fine, "noise"),
+        "{fine}"
+    );
+    assert!(of(&fine, "share") < 5e-4, "{fine}");
+    assert_eq!(of(&fine, "met_bound"), 0.0);
+    // A plate stands below: what a coarse hemicube makes of its edges is found, through the pane or not.
+    let plate = "v 2 0.5 0\nv 2 3.5 0\nv 2 3.5 2.2\nv 2 0.5 2.2\no plate\nf 13 14 15 16\nf 16 15 14 13\n";
+    let tub = std::fs::read_to_string(place.path("tub.obj")).expect("the scene");
+    place.write("plate.obj", tub + plate);
+    let with = |words: &str| {
+        let line = line.replace("tub", "plate").replace("--tolerance 0.1%", words);
+        let ran = place.line(&format!("points {line} --split 3 --verify 2 --json"));
+        ran.is(0).json()
+    };
+    let (fine, coarse) = (with("--tolerance 0.2%"), with("--resolution 16"));
+    assert!(of(&fine, "error") <= 2e-3 && of(&fine, "noise") < 4e-4, "{fine}");
+    assert!(of(&coarse, "error") > 0.01 && of(&coarse, "noise") < 1e-3, "{coarse}");
 }
 
 #[test]

@@ -45,6 +45,7 @@ mod sampling;
 mod simd;
 pub mod sky;
 pub mod solve;
+mod steps;
 pub mod store;
 mod visibility;
 

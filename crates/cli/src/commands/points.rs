@@ -34,6 +34,11 @@ use std::time::Instant;
 
 /// The integral over a piece at which reference rays cut no more.
 const REFERENCE_PIECE: f64 = 1e-7;
+/// Standard error of reference rows, in parts of the tolerance, and at least; and what stands for a tolerance where none
+/// is asked for. Choices.
+const SHARE_OF_TOLERANCE: f64 = 0.1;
+const LEAST_TARGET: f64 = 2e-5;
+const USUAL_ERROR: f64 = 5e-3;
 /// Points in the summary.
 const SHOWN: usize = 5;
 
@@ -211,6 +216,8 @@ struct Verified {
     /// The greatest difference of sky, ground or blocked share.
     share: f64,
     rays: u64,
+    /// Rows that the bound of their rays ended; what it left is in `noise`.
+    met_bound: u64,
 }
 
 /// The report.
@@ -412,6 +419,12 @@ impl Task<'_> {
         (0..wanted).map(|k| k * all / wanted).collect()
     }
 
+    /// Standard error of reference rows: small beside what they judge.
+    fn reference_target(&self) -> f64 {
+        let asked = self.arguments.tolerance.unwrap_or(USUAL_ERROR);
+        (SHARE_OF_TOLERANCE * asked).max(LEAST_TARGET)
+    }
+
     /// Compares with rays; the outer `None` where interrupted.
     fn verify(&self, rows: &[Kept], cancel: &AtomicBool) -> Result<Option<Option<Verified>>> {
         let places = self.verified_places();
@@ -420,17 +433,18 @@ impl Task<'_> {
         }
         let sensors: Vec<Sensor> = places.iter().map(|&place| self.sensors.items[place]).collect();
         let reference = PointReference::new(&self.prepared.model, self.horizon, REFERENCE_PIECE)?;
-        let reference = reference.with_portals(&self.portals);
+        let reference = reference
+            .with_portals(&self.portals)
+            .with_target(self.reference_target());
         let threads = self.arguments.engine.thread_count();
         let found = reference.rows(&sensors, threads, &mut |_| !cancel.load(Ordering::SeqCst))?;
         let Some(found) = found else { return Ok(None) };
         let ours = rows.iter().filter(|row| places.binary_search(&row.sensor).is_ok());
-        let (mut squared, mut norm, mut noise, mut share, mut rays) = (0.0, 0.0, 0.0, 0.0f64, 0);
+        let (mut squared, mut norm, mut noise, mut share) = (0.0, 0.0, 0.0, 0.0f64);
         for (ours, theirs) in ours.zip(&found) {
             squared += output::squared_difference(&ours.row, &theirs.row);
             norm += theirs.row.squared_norm();
             noise += theirs.error * theirs.error;
-            rays += theirs.rays;
             for (a, b) in [
                 (ours.row.sky, theirs.row.sky),
                 (ours.row.ground, theirs.row.ground),
@@ -445,7 +459,8 @@ impl Task<'_> {
             error: of_norm(squared),
             noise: of_norm(noise),
             share,
-            rays,
+            rays: found.iter().map(|row| row.rays).sum(),
+            met_bound: found.iter().filter(|row| row.met_bound).count() as u64,
         })))
     }
 
@@ -581,6 +596,10 @@ impl Task<'_> {
                     figures(verified.share)
                 ),
             );
+            if verified.met_bound > 0 {
+                let rows = counted(verified.met_bound, "row");
+                list.add("", format!("{rows} ended by the bound of rays, and so told less well"));
+            }
         }
         for row in rows.iter().take(SHOWN) {
             list.add(&format!("point {}", row.sensor), self.line(row));

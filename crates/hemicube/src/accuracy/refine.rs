@@ -34,6 +34,7 @@ use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::geometry::{area, centroid, cross};
 use crate::sampling::splitmix;
+use crate::steps;
 use crate::visibility::candidates::{Candidates, Least};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::exact::critical::CriticalCells;
@@ -329,6 +330,9 @@ impl Refined {
 /// eighth of it, which saved 0 to 5 % of the time and left `many-cubes` 11.9 % off instead of 2.6 %.
 const SELECTED_STEPS: u64 = 3_200_000;
 const SELECTED_STEPS_AN_ENTRY: u64 = 8_000;
+/// Bound of the steps of closed forms that tell which unseen pairs to select, in such bounds. A choice: long pipes in pipes
+/// (`scripts/hard-scenes pipes`) take up to 13, scenes of buildings less than one.
+const LISTING: u64 = 16;
 /// Bound of a row's steps at a tolerance of 1 %; of a finer one, more in proportion, up to a hundred times. A choice.
 const TOLERANCE_STEPS: f64 = 1e9;
 /// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
@@ -483,7 +487,9 @@ impl<'c> Refiner<'c> {
         let (least, priors) = self.selection(emitter, row);
         self.select_seen(emitter, row, least, &priors);
         let seen_count = self.pairs.len();
-        self.select_unseen(emitter, row, least, &priors, receives);
+        let entries = row.patches.len() as u64;
+        let most_steps = (SELECTED_STEPS + SELECTED_STEPS_AN_ENTRY * entries) * row.work_units();
+        let is_cut_short = self.select_unseen(emitter, row, (least, LISTING * most_steps), &priors, receives);
         // The error in the other row is found there: z is F_ij alone, here and where rays are allotted.
         let contribution = |pair: &Pair| {
             let own = pair.unoccluded * priors.of(pair.cell).sqrt();
@@ -497,13 +503,12 @@ impl<'c> Refiner<'c> {
         self.contributions.extend(self.pairs.iter().map(contribution));
         self.is_probe.clear();
         self.is_probe.resize(self.pairs.len(), false);
-        let entries = row.patches.len() as u64;
         let limits = Limits {
             multiplier: SELECTED_RAYS / (least * least),
             least,
-            steps: (SELECTED_STEPS + SELECTED_STEPS_AN_ENTRY * entries) * row.work_units(),
+            steps: most_steps,
         };
-        let refined = if row.is_large {
+        let mut refined = if row.is_large {
             self.measure_all(emitter, None, limits.steps)
         } else {
             let mut refined = Refined::default();
@@ -514,6 +519,7 @@ impl<'c> Refiner<'c> {
             row.fractions[place] = pair.fraction;
         }
         row.insert(&self.pairs[seen_count..]);
+        refined.cut_short |= is_cut_short;
         refined
     }
 
@@ -575,15 +581,16 @@ impl<'c> Refiner<'c> {
         }
     }
 
-    /// Lists unseen pairs whose expected error exceeds `least`.
+    /// Lists unseen pairs whose expected error exceeds `least`. Once closed forms have taken `most_steps`, centroids tell
+    /// the other pairs' form factors; returns whether that was so.
     fn select_unseen(
         &mut self,
         emitter: &Emitter<'_>,
         row: &RowLists<'_>,
-        least: f64,
+        (least, most_steps): (f64, u64),
         priors: &PriorVariances,
         receives: impl Fn(u32) -> bool,
-    ) {
+    ) -> bool {
         let per_area = 1.0 / emitter.area;
         let tree = Tree::of(emitter.model.geometry());
         let from = |nearness| least / priors.of(PriorCell::unseen(nearness)).sqrt();
@@ -592,14 +599,18 @@ impl<'c> Refiner<'c> {
             far: from(1),
         };
         self.candidates.find(&tree, emitter.patch.0, &emitter.corners, from);
+        let (before, mut is_cut_short) = (steps::taken(), false);
         for &patch in &self.candidates.patches {
             if row.patches.binary_search(&patch).is_ok() || !receives(patch) {
                 continue;
             }
             let corners = emitter.model.normalised_corners(patch);
             let cell = PriorCell::unseen(nearness_of(&emitter.corners, &corners));
-            // Between patches that all but touch, centroids tell nothing.
-            let is_rough = cell.nearness > 0;
+            // Between patches that all but touch, centroids tell little.
+            let is_near = cell.nearness == 0;
+            let is_paid = !is_near || steps::taken() - before < most_steps;
+            is_cut_short |= !is_paid;
+            let is_rough = !is_near || !is_paid;
             let (unoccluded, exchange_area) = if is_rough {
                 (by_centroids(&emitter.corners, &corners), 0.0)
             } else {
@@ -618,6 +629,7 @@ impl<'c> Refiner<'c> {
                 });
             }
         }
+        is_cut_short
     }
 
     /// Expected errors of a row's pairs, from the hemicube's fractions.

@@ -18,6 +18,7 @@ use crate::face::Items;
 use crate::portal::bands::{Common, Seen};
 use crate::portal::extend::{Draft, Extender};
 use crate::row::{RowBlock, RowError};
+use crate::steps;
 use crate::store::{Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
 use hemicube_scene::InputPatch;
 use std::cell::OnceCell;
@@ -133,6 +134,8 @@ pub struct Summary {
     pub hemicubes: u64,
     /// Rays and points spent on visible fractions.
     pub rays: u64,
+    /// Work of closed forms and visible fractions in steps of about a nanosecond, counted; rendering is in `counters`.
+    pub steps: u64,
     /// Expected Σ (F − true F)² of all rows; 0 at accuracy levels that do not estimate it.
     pub squared_error: f64,
     /// Σ F² of all rows.
@@ -524,6 +527,7 @@ struct Batch {
     slowest: Option<(InputPatch, Duration)>,
     row_time: Duration,
     row_time_squared: f64,
+    steps: u64,
 }
 
 /// A batch by its number, of each band, or its failure.
@@ -696,7 +700,7 @@ impl<'a> Worker<'a> {
         }
         self.rows.clear();
         let first = emitters.first().copied().unwrap_or(InputPatch(0));
-        let began = Instant::now();
+        let (began, steps_before) = (Instant::now(), steps::taken());
         let session = self.session.as_mut();
         let counters = if self.draws_once {
             Counters::default()
@@ -735,6 +739,8 @@ impl<'a> Worker<'a> {
                 }
             }
         }
+        let steps = steps::taken() - steps_before;
+        batches.iter_mut().for_each(|batch| batch.steps = steps);
         Ok(batches)
     }
 
@@ -1076,6 +1082,7 @@ impl<'a> Collector<'a> {
     fn append(&mut self, batch: Batch) {
         self.summary.row_time += batch.row_time;
         self.summary.row_time_squared += batch.row_time_squared;
+        self.summary.steps += batch.steps;
         self.summary.cut_short += batch.cut_short;
         if let Some((patch, took)) = batch.slowest
             && self.summary.slowest.is_none_or(|(_, longest)| took > longest)

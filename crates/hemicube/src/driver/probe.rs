@@ -4,6 +4,7 @@ use crate::Model;
 use crate::backend::{Counters, Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{ComputeError, Plan, load, sample};
 use crate::row::RowBlock;
+use crate::sampling::splitmix;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -107,7 +108,7 @@ impl Probe {
 pub struct Stratum {
     /// Number of its rows.
     pub rows: usize,
-    /// The rows drawn.
+    /// The rows drawn, in random order: the first ones of them are a sample, too.
     pub sample: Vec<InputPatch>,
 }
 
@@ -138,10 +139,9 @@ pub fn strata(model: &Model, plan: &Plan, each: usize, seed: u64) -> Vec<Stratum
     let (mut found, mut start, mut end) = (Vec::new(), 0, each.max(1));
     while start < rows.len() {
         let of = &rows[start..end.min(rows.len())];
-        found.push(Stratum {
-            rows: of.len(),
-            sample: sample(of, each, seed),
-        });
+        let mut sample = sample(of, each, seed);
+        sample.sort_by_key(|row| splitmix::hash(seed ^ u64::from(row.0)));
+        found.push(Stratum { rows: of.len(), sample });
         (start, end) = (end, end.saturating_mul(4));
     }
     found

@@ -17,6 +17,7 @@ use super::GAUSS;
 use super::lanes::{LANES, angle_portable as angle};
 use crate::geometry::{self, in_front};
 use crate::simd::{InstructionSet, dispatch};
+use crate::steps;
 use glam::DVec3;
 
 /// Precision of a contour integral.
@@ -61,6 +62,7 @@ impl Precision {
 
 /// The exchange area A_i F_ij to a precision. The order of the arguments matters in the last bits.
 pub(crate) fn exchange(outer: &[DVec3; 3], inner: &[DVec3; 3], precision: Precision) -> f64 {
+    steps::add(STEPS_AN_EXCHANGE);
     let origin = outer[0];
     let size = outer
         .iter()
@@ -447,9 +449,14 @@ fn quadratics_portable(at: &Quadratics, out: &mut [f64; LANES]) {
     }
 }
 
+/// Steps of an exchange area without integrals along edges, and of eight of these integrals. Measured.
+const STEPS_AN_EXCHANGE: u64 = 700;
+const STEPS_ALONG: u64 = 70;
+
 /// ∫ ln r from each point along the edge: ½ t ln (h² + t²) − t + h atan (t/h) between its ends, t along the edge and h
 /// the distance of its line.
 fn along(points: &Segments) -> [f64; LANES] {
+    steps::add(STEPS_ALONG);
     let mut out = [0.0; LANES];
     along_by(InstructionSet::widest(), points, &mut out);
     out

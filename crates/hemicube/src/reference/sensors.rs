@@ -8,6 +8,9 @@
 //! At a mirror or a pane a ray branches, and what it shows is all that its branches come to, with the mean of the
 //! piece's rays as the shares. A piece is cut while the part in which its rays differ is above the limit: not for
 //! branches of which next to nothing is left.
+//!
+//! Rays branch into dozens between a few panes, and edges show in each of their images. So a row ends where its error is
+//! small beside the one that is asked for, and at a bound of the ends of its rays: counted, never timed.
 
 use super::portals::SightEnd;
 use super::{Reference, ReferenceError, ReferenceSettings};
@@ -26,6 +29,12 @@ use std::sync::Arc;
 const START: u32 = 6;
 /// Levels at which a piece is cut no more, whatever its integral.
 const DEEPEST: u32 = 16;
+/// Limit of the first cut of a row that aims at an error: by its error, the next limit is chosen, one or two more as a
+/// rule. Each cut begins anew, so that no piece is kept.
+const FIRST_LIMIT: f64 = 1e-5;
+/// Bound of the ends of a row's rays over all cuts, from which on the first cut's limit holds: some ten seconds. What that
+/// leaves is in the row's error, and the row says so. A choice.
+const MOST_ENDS: u64 = 1 << 25;
 /// Corners of a piece are moved in by this share: the rays of neighbours then do not run along one edge.
 const INWARDS: f64 = 1e-3;
 
@@ -38,6 +47,8 @@ pub struct PointReferenceRow {
     pub error: f64,
     /// Rays traced.
     pub rays: u64,
+    /// True if the bound of its rays ended it above what it aims at.
+    pub met_bound: bool,
 }
 
 /// Makes reference rows.
@@ -47,6 +58,10 @@ pub struct PointReference<'m> {
     reference: Reference<'m>,
     horizon: Horizon,
     limit: f64,
+    /// Standard error to end at, in parts of a row's Euclidean norm; 0: at the limit only.
+    target: f64,
+    /// Bound of the ends of a row's rays.
+    most_ends: u64,
 }
 
 /// Sums of one row.
@@ -60,6 +75,10 @@ struct Sums {
     whole: f64,
     squared_error: f64,
     rays: u64,
+    /// Ends that the rays came to, their branches' included.
+    ends: u64,
+    /// True if pieces were cut no more because of the bound of these.
+    met_bound: bool,
 }
 
 const SKY: u64 = 0;
@@ -82,7 +101,24 @@ impl<'m> PointReference<'m> {
             reference: Reference::new(model, ReferenceSettings::default())?,
             horizon,
             limit: limit.max(1e-9),
+            target: 0.0,
+            most_ends: MOST_ENDS,
         })
+    }
+
+    /// Ends a row where its standard error is at most `target` of its Euclidean norm, before the limit of pieces.
+    #[must_use]
+    pub fn with_target(mut self, target: f64) -> Self {
+        self.target = target;
+        self
+    }
+
+    /// Ends a row's rays at so many ends instead of 2²⁵, a mirror's or a pane's branches included. The first and coarsest
+    /// cut is made in any case.
+    #[must_use]
+    pub fn with_most_ends(mut self, most: u64) -> Self {
+        self.most_ends = most;
+        self
     }
 
     /// The reference through `portals`. Where they have images of a cell, the model is of all of them, and columns are
@@ -119,6 +155,28 @@ impl<'m> PointReference<'m> {
     }
 
     fn row(&self, position: DVec3, parts: &[Part]) -> PointReferenceRow {
+        // The first limit is kept in any case: a row that meets the bound is no worse.
+        let coarse = FIRST_LIMIT.max(self.limit);
+        let mut limit = if self.target > 0.0 { coarse } else { self.limit };
+        let (mut rays, mut ends) = (0, 0);
+        loop {
+            let sums = self.cut_to(limit, coarse, self.most_ends.saturating_sub(ends), position, parts);
+            (rays, ends) = (rays + sums.rays, ends + sums.ends);
+            let (error, allowed) = (sums.squared_error.sqrt(), self.target * sums.norm());
+            let is_last = limit <= self.limit || error <= allowed;
+            if is_last || sums.met_bound || ends >= self.most_ends {
+                let met_bound = sums.met_bound || !is_last;
+                return sums.finish(rays, met_bound);
+            }
+            // Along edges, errors fall as the limit to the power of 3/4.
+            limit *= (0.8 * (allowed / error).powf(4.0 / 3.0)).min(0.25);
+            limit = limit.max(self.limit);
+        }
+    }
+
+    /// Cuts the sphere until the rays of no piece differ in more than `limit` of the whole; once rays have come to `most`
+    /// ends, in more than `coarse`.
+    fn cut_to(&self, limit: f64, coarse: f64, most: u64, position: DVec3, parts: &[Part]) -> Sums {
         let mut sums = Sums::default();
         // An octahedron turned off the scene's axes, so that its edges run along nothing.
         let (a, b, c) = (
@@ -154,11 +212,15 @@ impl<'m> PointReference<'m> {
                 self.seen(position, middle),
             ];
             sums.rays += 4;
+            sums.ends += seen.iter().map(|shown| shown.len() as u64).sum::<u64>();
             let differing = seen[1..].iter().map(|shown| apart(&seen[0], shown)).fold(0.0, f64::max);
-            if differing * weight > self.limit && level < DEEPEST {
+            let is_above = |limit: f64| differing * weight > limit && level < DEEPEST;
+            let is_spent = sums.ends >= most;
+            if is_above(if is_spent { coarse } else { limit }) {
                 cut(&mut pending);
                 continue;
             }
+            sums.met_bound |= is_spent && is_above(limit);
             sums.squared_error += (0.3 * differing * weight).powi(2);
             sums.whole += weight;
             for (what, share, passed) in seen.into_iter().flatten() {
@@ -169,7 +231,7 @@ impl<'m> PointReference<'m> {
                 }
             }
         }
-        sums.finish()
+        sums
     }
 
     /// All that a ray shows.
@@ -223,7 +285,13 @@ fn weight(parts: &[Part], [a, b, c]: [DVec3; 3]) -> f64 {
 }
 
 impl Sums {
-    fn finish(self) -> PointReferenceRow {
+    /// The Euclidean norm of the row.
+    fn norm(&self) -> f64 {
+        let squares = self.weights.range(PATCHES..).map(|(_, weight)| weight * weight);
+        squares.sum::<f64>().sqrt()
+    }
+
+    fn finish(self, rays: u64, met_bound: bool) -> PointReferenceRow {
         let whole = self.whole;
         let share = |what: u64| self.weights.get(&what).copied().unwrap_or(0.0) / whole;
         let passed = self.passed.iter();
@@ -245,7 +313,8 @@ impl Sums {
                 hemicubes: 0,
             },
             error: self.squared_error.sqrt(),
-            rays: self.rays,
+            rays,
+            met_bound,
         }
     }
 }

@@ -23,6 +23,7 @@ mod shadows;
 use crate::factor::contour;
 use crate::factor::{SIX, point_to_polygon};
 use crate::geometry::{self, in_front, quarters};
+use crate::steps;
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::shaft::{Shaft, TrianglePair};
 use glam::DVec3;
@@ -292,7 +293,9 @@ impl ExactVisibility {
                 }
             }
         }
-        self.refine(cells, &view, precision)
+        let found = self.refine(cells, &view, precision);
+        steps::add(self.steps());
+        found
     }
 
     /// Divides cells until their error estimates are small enough.

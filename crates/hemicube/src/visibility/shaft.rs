@@ -11,14 +11,14 @@
 //! k = cos φ_i cos φ_j / r² weights numerator and denominator. Times the closed form it gives F_ij without the bias of
 //! uniform visibility.
 //!
-//! Work is counted in steps of about a nanosecond of one core of 2024 with AVX-512, never timed, so that bounds depend
-//! on the scene and the settings and on no clock.
+//! Work is counted in [`crate::steps`].
 
 use crate::backend::Surface;
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
 use crate::geometry::{self, Plane, Sphere, in_front};
 use crate::sampling::sobol::{self, Sequence, fold};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
+use crate::steps;
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::segments::{Obstacles, Segments};
 use glam::DVec3;
@@ -440,6 +440,7 @@ impl Shaft {
             .map(|&(_, kept)| u64::from(kept.count_ones()))
             .sum::<u64>();
         pair.steps = STEPS_A_SHAFT + STEPS_A_BLOCK * self.reached.len() as u64 + STEPS_LISTED * listed;
+        steps::add(pair.steps);
         pair
     }
 
@@ -595,11 +596,14 @@ impl Shaft {
         seed: u64,
         cast: &mut Cast,
     ) -> usize {
-        if pair.is_near {
+        let before = cast.steps;
+        let worth = if pair.is_near {
             self.cast_directions(obstacles, pair, wanted, seed, cast)
         } else {
             self.cast_segments(obstacles, pair, wanted, seed, cast)
-        }
+        };
+        steps::add(cast.steps - before);
+        worth
     }
 
     /// Casts segments between evenly drawn points of the two until there are `wanted`; returns their number.

@@ -1,20 +1,23 @@
 //! The forecast of a matrix: entries, bytes, memory and seconds, from the hemicubes of a random sample of patches.
 
-use crate::args::{RenderSettings as RenderArguments, Switch, Talk};
+use crate::args::{RenderSettings as RenderArguments, Switch};
 use crate::clock::processor_seconds;
 use crate::forecast::{self, Rows};
 use crate::prepare::BUILT_IN;
 use crate::report;
 use anyhow::Result;
 use hemicube::accuracy::correct::Correction;
-use hemicube::backend::{Culling, HemicubeBackend, RenderSettings};
-use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, Summary, compute};
+use hemicube::backend::{
+    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
+};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, Summary, compute, load};
 use hemicube::driver::probe::{Probe, strata};
 use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Patches rendered for the statistics of a row.
@@ -25,6 +28,19 @@ const ROWS_EACH: usize = 32;
 const ROWS_EACH_MAX: usize = 128;
 /// Patches from which on [`ROWS_EACH`] are drawn.
 const SMALL: usize = 10_000;
+/// Bound of the work of all rows measured, in steps: about a second. Divided among the strata; what one leaves goes to
+/// the next. A stratum that meets its part is told by fewer rows, at least [`FIRST_ROWS`], and the interval widens.
+const MOST_STEPS: u64 = 1_000_000_000;
+/// Rows of a stratum measured first, whatever they cost: the fewest that tell a spread well enough.
+const FIRST_ROWS: usize = 4;
+/// Rows computed before those that are measured.
+const WARMING_ROWS: usize = 2;
+/// Rows measured next, at most, for each measured so far.
+const GROWTH: usize = 4;
+/// Steps of a hemicube, of a triangle transformed into its frame, and of a triangle drawn on a face. Measured.
+const STEPS_A_HEMICUBE: u64 = 100_000;
+const STEPS_A_TRANSFORMED: u64 = 40;
+const STEPS_A_DRAWN: u64 = 60;
 /// Standard errors on either side of the forecast.
 const STANDARD_ERRORS: f64 = 2.0;
 
@@ -53,6 +69,12 @@ pub(super) struct Forecast {
     pub(super) bytes: f64,
     /// With `--store compact`.
     pub(super) bytes_compact: f64,
+    /// Rows computed for `entries`, `bytes` and `seconds`.
+    pub(super) measured_rows: usize,
+    /// Their work in steps of about a nanosecond, counted.
+    pub(super) measured_steps: u64,
+    /// True if these are fewer than the sample has, because their work met its bound.
+    pub(super) met_bound: bool,
     pub(super) threads: usize,
     /// Upper bound of the memory of a run of all rows.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -134,8 +156,12 @@ struct Work {
     seconds: f64,
     /// Square of the standard error of `seconds`.
     variance: f64,
-    /// Seconds of the rows of the sample.
+    /// Rows of the sample, their work in steps, and their seconds.
+    rows: usize,
+    steps: u64,
     measured: f64,
+    /// True if the bound of work left rows of the sample unmeasured.
+    met_bound: bool,
     /// Seconds of its slowest row.
     slowest: f64,
     /// Seconds beside the rows, on one thread: to start, read and cut the scene, load it into the backend, try out
@@ -148,24 +174,77 @@ fn rows_each(patches: usize) -> usize {
     (ROWS_EACH * SMALL / patches.max(1)).clamp(ROWS_EACH, ROWS_EACH_MAX)
 }
 
-impl Work {
-    /// Adds a stratum of `rows` rows. `share` is the processor's share of the time that passed.
-    fn add(&mut self, rows: usize, found: &Summary, share: f64) {
-        let (all, n) = (rows as f64, found.rows as f64);
-        if n == 0.0 {
-            return;
-        }
-        let sum = found.row_time.as_secs_f64() * share;
-        let squares = found.row_time_squared * share * share;
-        self.entries += all / n * found.entries as f64;
-        self.seconds += all / n * sum;
-        self.measured += sum;
-        if n > 1.0 {
-            let spread = ((squares - sum * sum / n) / (n - 1.0)).max(0.0);
-            self.variance += all * (all - n).max(0.0) * spread / n;
-        }
+/// Rows of a stratum that were measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Measured {
+    rows: usize,
+    entries: f64,
+    /// Sum of their seconds, and of their squares.
+    sum: f64,
+    squares: f64,
+    slowest: f64,
+    /// Their work, in steps.
+    steps: u64,
+}
+
+impl Measured {
+    /// Adds rows. `share` is the processor's share of the time that passed.
+    fn add(&mut self, found: &Summary, share: f64) {
+        self.rows += usize::try_from(found.rows).unwrap_or(usize::MAX);
+        self.entries += found.entries as f64;
+        self.sum += found.row_time.as_secs_f64() * share;
+        self.squares += found.row_time_squared * share * share;
         let slowest = found.slowest.map_or(0.0, |(_, took)| took.as_secs_f64() * share);
         self.slowest = self.slowest.max(slowest);
+        self.steps += steps(found);
+    }
+
+    /// Number of the rows to measure next within `left` steps, by those measured so far: at first [`FIRST_ROWS`], then
+    /// at most [`GROWTH`] times as many as there are; 0 if no further row is paid for.
+    fn next(&self, left: u64) -> usize {
+        if self.rows == 0 {
+            return FIRST_ROWS;
+        }
+        let paid = left.saturating_mul(self.rows as u64) / self.steps.max(1);
+        usize::try_from(paid).unwrap_or(usize::MAX).min(GROWTH * self.rows)
+    }
+}
+
+/// Work of computed rows in steps of about a nanosecond, counted and not timed: that of their closed forms and visible
+/// fractions, and of their hemicubes' triangles.
+fn steps(found: &Summary) -> u64 {
+    let counters = &found.counters;
+    found.steps
+        + counters.hemicubes * STEPS_A_HEMICUBE
+        + counters.triangles_transformed * STEPS_A_TRANSFORMED
+        + counters.triangles_drawn * STEPS_A_DRAWN
+}
+
+/// Factor by which [`STANDARD_ERRORS`] standard errors grow where a few rows tell the spread: Student's quantile of
+/// 97.5 % over that of many.
+fn student(rows: usize) -> f64 {
+    const FEW: [f64; 7] = [6.48, 2.20, 1.62, 1.42, 1.31, 1.25, 1.21];
+    let degrees = rows.saturating_sub(1).max(1);
+    FEW.get(degrees - 1).copied().unwrap_or(1.0 + 1.4 / degrees as f64)
+}
+
+impl Work {
+    /// Adds a stratum of `rows` rows.
+    fn add(&mut self, rows: usize, found: &Measured) {
+        let (all, n) = (rows as f64, found.rows as f64);
+        if found.rows == 0 {
+            return;
+        }
+        self.entries += all / n * found.entries;
+        self.seconds += all / n * found.sum;
+        self.measured += found.sum;
+        self.rows += found.rows;
+        self.steps += found.steps;
+        if found.rows > 1 {
+            let spread = ((found.squares - found.sum * found.sum / n) / (n - 1.0)).max(0.0);
+            self.variance += student(found.rows).powi(2) * all * (all - n).max(0.0) * spread / n;
+        }
+        self.slowest = self.slowest.max(found.slowest);
     }
 
     /// The least and the most seconds of a run by some threads. At its end, all but one may wait for the slowest row.
@@ -182,16 +261,18 @@ impl Work {
         self.start + (self.seconds / threads.max(1) as f64).max(self.slowest)
     }
 
-    /// Measures rows of every stratum with the built-in settings of `compute`, on one thread.
+    /// Measures rows of every stratum with the built-in settings of `compute`, on one thread, by a backend that has the
+    /// scene.
     fn measure(
         model: &Model,
-        render: &RenderArguments,
+        backend: &dyn HemicubeBackend,
         plan: &Plan,
         settings: RenderSettings,
         seed: u64,
     ) -> Result<Self> {
         let mut work = Self::default();
         let strata = strata(model, plan, rows_each(plan.rows.len()), seed);
+        let is_processor = backend.info().name == BUILT_IN;
         let run = |sample: &[InputPatch]| {
             let some = Plan {
                 rows: sample.to_vec(),
@@ -202,14 +283,12 @@ impl Work {
                 ..Execution::default()
             };
             let (mut parts, mut begun) = (Vec::<Part>::new(), None);
-            let opened = processor_seconds();
-            // The first report comes once the scene is loaded.
+            // The first report comes before the first row.
             let mut progress = |_| {
                 begun.get_or_insert_with(|| (processor_seconds(), Instant::now()));
             };
-            let backend = render.open_backend(Talk::SILENT)?;
-            let is_processor = backend.info().name == BUILT_IN;
-            let summary = compute(model, &some, settings, backend, execution, &mut parts, &mut progress)?;
+            let session = Box::new(Loaded(backend.fork()?));
+            let summary = compute(model, &some, settings, session, execution, &mut parts, &mut progress)?;
             let share = match begun {
                 // Other programs take the rest.
                 Some((processor, wall)) if is_processor => {
@@ -217,24 +296,62 @@ impl Work {
                 }
                 _ => 1.0,
             };
-            let loading = begun.map_or(0.0, |(processor, _)| processor - opened);
-            anyhow::Ok((summary, share.min(1.0), loading))
+            anyhow::Ok((summary, share.min(1.0)))
         };
         // The first rows fetch the scene into the caches, like the start of a full run.
+        let mut left = MOST_STEPS;
         if let Some(last) = strata.last() {
-            let (.., loading) = run(&last.sample)?;
-            work.start = loading;
+            let (summary, _) = run(&last.sample[..last.sample.len().min(WARMING_ROWS)])?;
+            left = left.saturating_sub(steps(&summary));
         }
-        for stratum in &strata {
-            let (summary, share, _) = run(&stratum.sample)?;
-            work.add(stratum.rows, &summary, share);
+        for (place, stratum) in strata.iter().enumerate() {
+            // What a stratum leaves goes to those after it.
+            let allowed = left / (strata.len() - place) as u64;
+            let mut found = Measured::default();
+            while found.rows < stratum.sample.len() {
+                let next = found.next(allowed.saturating_sub(found.steps));
+                if next == 0 {
+                    work.met_bound = true;
+                    break;
+                }
+                let end = stratum.sample.len().min(found.rows.saturating_add(next));
+                let (summary, share) = run(&stratum.sample[found.rows..end])?;
+                if summary.rows == 0 {
+                    break;
+                }
+                found.add(&summary, share);
+            }
+            left = left.saturating_sub(found.steps);
+            work.add(stratum.rows, &found);
         }
         Ok(work)
     }
 }
 
+/// A session over a scene that is loaded already: to load 40,000 patches takes half a second.
+struct Loaded(Box<dyn HemicubeBackend>);
+
+impl HemicubeBackend for Loaded {
+    fn info(&self) -> &BackendInfo {
+        self.0.info()
+    }
+
+    /// Keeps what is loaded.
+    fn load(&mut self, _: &Arc<Geometry>, _: RenderSettings) -> Result<(), BackendError> {
+        Ok(())
+    }
+
+    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+        self.0.fork()
+    }
+
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        self.0.rows(hemicubes, out)
+    }
+}
+
 /// Forecasts a run of all rows by the settings. `prepared` is the processor time of starting, reading and cutting, in
-/// seconds.
+/// seconds; `backend` has the scene, as [`hemicube::diagnose::SceneStatistics::measure`] loads it.
 ///
 /// # Errors
 /// When the backend fails.
@@ -252,14 +369,18 @@ pub(super) fn forecast(
         culling: Culling::On,
         covered: false,
     };
-    backend.load(model.geometry(), settings)?;
     let sight = Sight::measure(model, render, &plan(RowChoice::Sample { count: SAMPLE, seed }), backend)?;
     let corrected = plan(RowChoice::All).with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
-    let mut work = Work::measure(model, render, &corrected, settings, seed)?;
-    // A run tries out culling before its rows.
+    // A run loads the scene to try out culling, and again for its rows.
     let began = processor_seconds();
-    Probe::render(model, &corrected, settings, backend, None)?;
-    work.start += prepared + processor_seconds() - began + BESIDE;
+    load(model, &corrected.correction, settings, backend)?;
+    let loading = processor_seconds() - began;
+    Probe::render(model, &corrected, settings, &mut Loaded(backend.fork()?), None)?;
+    let start = prepared + processor_seconds() - began + loading + BESIDE;
+    let work = Work {
+        start,
+        ..Work::measure(model, backend, &corrected, settings, seed)?
+    };
     let entries = work.entries;
     let patch_count = model.patches().len() as f64;
     let threads = render.thread_count();
@@ -281,6 +402,9 @@ pub(super) fn forecast(
         entries,
         bytes: entries * ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
         bytes_compact: entries * COMPACT_ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
+        measured_rows: work.rows,
+        measured_steps: work.steps,
+        met_bound: work.met_bound,
         memory_bytes,
         threads,
         seconds: Some(work.run(threads)),
@@ -293,8 +417,8 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    fn found(rows: u64, seconds: &[f64]) -> Summary {
-        Summary {
+    fn found(rows: u64, seconds: &[f64], share: f64) -> Measured {
+        let summary = Summary {
             rows,
             entries: 10 * rows,
             row_time: Duration::from_secs_f64(seconds.iter().sum()),
@@ -305,13 +429,16 @@ mod tests {
                 .reduce(f64::max)
                 .map(|s| (InputPatch(0), Duration::from_secs_f64(s))),
             ..Summary::default()
-        }
+        };
+        let mut measured = Measured::default();
+        measured.add(&summary, share);
+        measured
     }
 
     #[test]
     fn slow_rows_that_were_all_measured_are_certain_and_the_rest_is_an_interval() {
         let mut work = Work::default();
-        work.add(2, &found(2, &[20.0, 40.0]), 1.0);
+        work.add(2, &found(2, &[20.0, 40.0], 1.0));
         assert_eq!((work.seconds, work.variance), (60.0, 0.0));
         assert_eq!(work.range(1), [60.0, 60.0]);
         // One row may keep two threads waiting.
@@ -320,13 +447,34 @@ mod tests {
         let started = Work { start: 5.0, ..work };
         assert_eq!((started.range(1), started.range(2)), ([65.0, 65.0], [45.0, 55.0]));
         assert_eq!((started.run(1), started.run(2)), (65.0, 45.0));
-        work.add(1000, &found(4, &[0.1, 0.1, 0.2, 0.2]), 1.0);
+        work.add(1000, &found(4, &[0.1, 0.1, 0.2, 0.2], 1.0));
         assert!((work.seconds - 210.0).abs() < 1e-9 && work.entries == 10_020.0);
         let [least, most] = work.range(1);
         assert!(
             100.0 < least && least < 210.0 && 210.0 < most && most < 320.0,
             "{least} to {most}"
         );
+    }
+
+    #[test]
+    fn rows_are_measured_as_their_bound_pays_for_them() {
+        let mut measured = Measured::default();
+        assert_eq!(measured.next(0), FIRST_ROWS);
+        (measured.rows, measured.steps) = (2, 200);
+        assert_eq!(
+            [0, 99, 100, 350, 100_000].map(|left| measured.next(left)),
+            [0, 0, 1, 3, 8]
+        );
+        // Where rows cost nothing, all are measured.
+        measured.steps = 0;
+        assert_eq!(measured.next(10), 8);
+    }
+
+    #[test]
+    fn a_few_rows_tell_less_of_the_spread() {
+        let factors = [2, 3, 8, 9, 31, 1_000_000].map(student);
+        assert!(factors.is_sorted_by(|few, more| few > more), "{factors:?}");
+        assert!(factors[0] > 6.0 && factors[5] < 1.001, "{factors:?}");
     }
 
     #[test]
@@ -338,7 +486,7 @@ mod tests {
     #[test]
     fn time_that_other_programs_take_is_not_counted() {
         let mut work = Work::default();
-        work.add(10, &found(10, &[1.0; 10]), 0.25);
+        work.add(10, &found(10, &[1.0; 10], 0.25));
         assert_eq!((work.seconds, work.measured, work.slowest), (2.5, 2.5, 0.25));
     }
 }

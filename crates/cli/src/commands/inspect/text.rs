@@ -244,6 +244,10 @@ fn add_cost(list: &mut Listing, report: &Report) {
             _ => format!("about {}", duration(seconds)),
         };
         list.add("", format!("{time} on {device}{memory}"));
+        if forecast.met_bound {
+            let rows = counted(forecast.measured_rows as u64, "row");
+            list.add("", format!("by {rows} only: such rows take long"));
+        }
     }
 }
 
