@@ -12,8 +12,9 @@ use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
 use crate::simd::{InstructionSet, dispatch, dot, minus, most};
+use crate::steps;
 use crate::store::shares::RowShares;
-use crate::visibility::segments::{Segment, crossing, next_block};
+use crate::visibility::segments::{STEPS_A_MET_BLOCK, Segment, crossing, next_block};
 use crate::visibility::wide::WideTree;
 use glam::DVec3;
 
@@ -233,7 +234,11 @@ pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pe
     pending.clear();
     pending.push(0);
     let next = |segment: &Segment| next_block(tree, segment, pending);
-    nearest_of(tree, [start, end], horizon, next, &mut 0)
+    let mut blocks = 0;
+    let met = nearest_of(tree, [start, end], horizon, next, &mut blocks);
+    // And the way to where there is none.
+    steps::add(STEPS_A_MET_BLOCK * (blocks + 1));
+    met
 }
 
 /// [`nearest`], of the blocks of triangles that `next` finds on the way; adds them to `blocks`.

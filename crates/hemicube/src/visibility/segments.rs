@@ -10,7 +10,6 @@ use crate::backend::Surface;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
-use crate::steps;
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::wide::{Pending, WideTree};
 use glam::DVec3;
@@ -240,11 +239,10 @@ fn crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64
 }
 
 /// Steps of the way to a block, and of its test. Measured.
-const STEPS_A_MET_BLOCK: u64 = 100;
+pub(crate) const STEPS_A_MET_BLOCK: u64 = 100;
 
 /// The next block whose box a segment meets. `pending` are the nodes still to look at, at first the root, 0.
 pub(crate) fn next_block(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32> {
-    steps::add(STEPS_A_MET_BLOCK);
     dispatch_next_leaf(InstructionSet::widest(), tree, segment, pending)
 }
 
