@@ -6,7 +6,7 @@ use super::distribute::{Distributor, Entry, UNCOUNTED, VisibleParent};
 use super::{ALL_FACES, Faces, Remainder, View, each_face, frame, ids_of};
 use crate::SharedScene;
 use crate::kernel::{
-    Centroids, Count, Frame, LanesOnFace, OnFaces, Pass, SceneBox, Sums, Transformed, Turns, bits, prefetch,
+    Centroids, Count, Coverage, Frame, LanesOnFace, OnFaces, Pass, SceneBox, Sums, Transformed, Turns, bits, prefetch,
     subpixel_slack, three,
 };
 use crate::parents::ParentTriangles;
@@ -690,11 +690,29 @@ impl<B: Buffer> TreeEngine<B> {
     fn distribute_items(&mut self, view: View<'_>, of: &VisibleParent<'_>, items: &mut [u32]) {
         let scene = view.scene;
         let resolution = view.frame.resolution;
-        let mut left = Vec::new();
-        self.buffer.pixels_of(of.id, &mut left);
+        let mut pixels = Vec::new();
+        self.buffer.pixels_of(of.id, &mut pixels);
         let mut most = None;
         let distributor = &mut self.distributor;
         self.buffer.uncover(of.id, &mut distributor.uncovered);
+        // Words of the coverage with pixels that no patch has yet, and these: a patch is held against a sixtieth of what
+        // it would be pixel by pixel.
+        let mut left: Vec<(usize, u64)> = Vec::new();
+        for (row, x) in pixels {
+            let (word, bit) = distributor.uncovered.place_of(row, x);
+            match left.last_mut() {
+                Some((last, bits)) if *last == word => *bits |= bit,
+                _ => left.push((word, bit)),
+            }
+        }
+        let set = |items: &mut [u32], coverage: &Coverage, word: usize, bits: u64, patch: u32| {
+            let mut bits = bits;
+            while bits != 0 {
+                let (row, x) = coverage.pixel_at(word, bits.trailing_zeros());
+                items[row * resolution + x] = patch;
+                bits &= bits - 1;
+            }
+        };
         for block in 0..of.parents.block_count(of.parent) {
             distributor.transform(view, of, block);
             let (t, uncovered) = (&mut *distributor.triangles, &mut distributor.uncovered);
@@ -715,19 +733,18 @@ impl<B: Buffer> TreeEngine<B> {
                 if most.is_none_or(|(_, other)| visible >= other) {
                     most = Some((patch, visible));
                 }
-                left.retain(|&(row, x)| {
-                    let is_uncovered = !uncovered.is_covered(row, x);
-                    if !is_uncovered {
-                        items[row * resolution + x] = patch;
-                    }
-                    is_uncovered
+                left.retain_mut(|(word, bits)| {
+                    let found = *bits & uncovered.word(*word);
+                    set(items, uncovered, *word, found, patch);
+                    *bits &= !found;
+                    *bits != 0
                 });
             }
         }
         if !left.is_empty() {
             let patch = most.map_or_else(|| of.parents.nearest(of.parent, of.id, view.frame), |(patch, _)| patch);
-            for &(row, x) in &left {
-                items[row * resolution + x] = patch;
+            for (word, bits) in left {
+                set(items, &self.distributor.uncovered, word, bits, patch);
             }
         }
         self.buffer.cover(of.id, &mut self.distributor.uncovered);

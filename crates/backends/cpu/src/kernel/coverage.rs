@@ -73,6 +73,24 @@ impl Coverage {
         self.rows[x / WIDTH * self.groups + row / GROUP].0[row % GROUP] >> (x % WIDTH) & 1 != 0
     }
 
+    /// The word of a pixel of the atlas, and its bit in it.
+    pub(crate) fn place_of(&self, row: usize, x: usize) -> (usize, u64) {
+        let word = (x / WIDTH * self.groups + row / GROUP) * GROUP + row % GROUP;
+        (word, 1 << (x % WIDTH))
+    }
+
+    /// The row and column of a bit of a word.
+    pub(crate) fn pixel_at(&self, word: usize, bit: u32) -> (usize, usize) {
+        let (column, group) = (word / GROUP / self.groups, word / GROUP % self.groups);
+        (group * GROUP + word % GROUP, column * WIDTH + bit as usize)
+    }
+
+    /// The covered pixels of a word.
+    #[inline(always)]
+    pub(crate) fn word(&self, word: usize) -> u64 {
+        self.rows[word / GROUP].0[word % GROUP]
+    }
+
     /// Uncovers pixels `start..end` of an atlas row.
     pub(crate) fn uncover_span(&mut self, row: usize, start: usize, end: usize) {
         self.each_word(row, start, end, |covered, bits| *covered &= !bits);
