@@ -1,6 +1,7 @@
 """Costs of portals: `portal_costs.py PROGRAM [FOLDER]`; FOLDER (else a temporary one) gets the scenes and stores.
 
 `portal_costs.py PROGRAM FOLDER profile` has only what a row of the facade spends its time on, by Linux's `perf`.
+`portal_costs.py PROGRAM FOLDER backends NAME ...` has only rows over these plugins, with passes on either side.
 
 Scenes with images beside the whole: half a city, one of twelve sectors, a cell beside its 7 x 7 tiling; rows of the part are
 held against those of the whole. A facade of glass and rooms of mirrors beside the same without. Tubes of facets as their number
@@ -208,6 +209,32 @@ def profile(program, folder, scene):
         print(f"{name} | {share:.0f} %")
 
 
+def backends(program, folder, scene, names):
+    """Rows by pixel through the facade's glass and through a mirrored wall, over plugins: passes by the processor and by the device."""
+    facade(folder, scene)
+    room = [program, *"generate room --patches 3000 -o room.obj --overwrite --quiet".split()]
+    subprocess.run(room, cwd=folder, check=True)
+    (folder / "room.toml").write_text("[object.right_wall]\nspecular = 0.9\n")
+    print("scene | N | backend | ms a row without | composed | device | composed and device off the CPU backend's rows")
+    for name in ("facade", "room"):
+        for resolution in ("128", "256"):
+            line = [f"{name}.obj", "--correction", "pixel", "--resolution", resolution, "--sample-rows", "800"]
+            through = [*line, "--specular", f"{name}.toml"]
+            for backend in ("cpu", *names):
+                of = ["--backend", backend]
+                ways = [(line, []), (through, []), (through, ["--backend-option", "passes=off"])][: 2 if backend == "cpu" else 3]
+                times, off = [], []
+                for k, (rows, option) in enumerate(ways):
+                    store = "cpu" if backend == "cpu" and k == 1 else "all"
+                    times.append(1e3 / run(program, folder, [*rows, *of, *option, "-o", store])["rows_per_second"])
+                    if backend != "cpu" and k > 0:
+                        out = subprocess.run([program, "compare", store, "cpu", "--json"], cwd=folder, capture_output=True, text=True)
+                        off.append(json.loads(out.stdout)["relative_frobenius"])
+                cells = [times[0], *reversed(times[1:])]
+                shown = " | ".join(f"{cell:.2f}" for cell in cells) + (" |" if backend == "cpu" else "")
+                print(f"{name} | {resolution} | {backend} | {shown} | {', '.join(f'{x:.2%}' for x in reversed(off))}", flush=True)
+
+
 def specular(program, folder, scene):
     """A facade of glass, and a cube with a mirror, beside the same of walls."""
     facade(folder, scene)
@@ -281,6 +308,9 @@ def main():
     scene = Path(os.environ.get("HEMICUBE_SCENES", "../shared/scenes")) / "city/denhaag-8897.obj"
     if "profile" in sys.argv[3:]:
         profile(program, folder, scene.resolve())
+        return
+    if "backends" in sys.argv[3:]:
+        backends(program, folder, scene.resolve(), sys.argv[sys.argv.index("backends") + 1 :])
         return
     images(program, folder)
     specular(program, folder, scene.resolve())

@@ -6,13 +6,15 @@
 use assert_cmd::Command;
 use hemicube::Model;
 use hemicube::backend::{BackendError, HemicubeBackend};
+use hemicube::close::is_close;
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
+use hemicube_scene::Subdivision;
 use hemicube_scene::generate::Kind;
 use hemicube_tests::devices::{EXACT_EDGES, is_there};
 use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::rows::{hemicubes, settings, spread};
-use hemicube_tests::scenes::{generated, program, say, scenes_or_skip};
+use hemicube_tests::scenes::{generated, model, program, read, say, scenes_or_skip};
 use serde_json::Value;
 use std::path::Path;
 
@@ -286,5 +288,26 @@ fn a_wall_right_before_a_patch_is_seen() {
             version.starts_with("gpu-3-exact+"),
             "it is told from the plugin's alone: {version}"
         );
+    }
+}
+
+/// Hemicubes that plugins leave to the processor are few in a city in which houses share walls.
+#[test]
+fn few_hemicubes_of_a_city_are_close() {
+    let Some(scenes) = scenes_or_skip("few_hemicubes_of_a_city_are_close") else {
+        return;
+    };
+    for scene in ["city/denhaag-8897.obj", "../cases/city/munich.obj"] {
+        let model = model(read(&scenes, scene).expect("a scene"), Subdivision::None);
+        let all: Vec<_> = model
+            .order()
+            .flat_map(|patch| model.hemicubes(patch, 1, true))
+            .collect();
+        let close = all
+            .iter()
+            .filter(|hemicube| is_close(model.geometry(), hemicube))
+            .count();
+        say(&format!("{scene}: {close} of {} hemicubes are close", all.len()));
+        assert!(close > 0 && close * 10 < all.len(), "{scene}: {close} of {}", all.len());
     }
 }

@@ -35,7 +35,8 @@ pub enum TestScene {
     City,
     /// More than 30,000 triangles of towers, every tenth of them given twice, with its corners in another order.
     Towers,
-    /// Houses in a row. Neighbours share a wall's plane, cut differently, and each sees the next one's through its back.
+    /// Houses in a row. Neighbours share a wall's plane, cut differently: each sees a wall of the next house but one
+    /// at the place of a back.
     Terrace,
 }
 

@@ -1,7 +1,7 @@
 //! Close hemicubes: those with a surface right before them, as where two houses share a wall.
 //!
-//! A GPU clips triangles at a near plane in f32, and its depths are f32: of a close hemicube it loses triangles as large
-//! as the scene, or sees through the wall. A backend with [`leaves_close`](crate::backend::Capabilities::leaves_close)
+//! A GPU clips triangles at a near plane in f32, and its depths are f32: of a close hemicube it loses triangles as
+//! large as the scene, or sees through the wall. A backend with [`leaves_close`](crate::backend::Capabilities::leaves_close)
 //! leaves such hemicubes to a processor.
 
 use crate::backend::{Geometry, Hemicube};
@@ -9,8 +9,8 @@ use crate::bvh::distance;
 use glam::DVec3;
 use hemicube_spatial::Visit;
 
-/// Distance of a close hemicube's nearest surface, at most, in normalised units: 2⁻¹⁸, some centimetres in a city of ten
-/// kilometres. Four times the nearest near plane at which an NVIDIA H100 lost no triangle (docs/gpu.md).
+/// Distance of a close hemicube's nearest surface, at most, in normalised units: 2⁻¹⁸, some centimetres in a city of
+/// ten kilometres. Four times the nearest near plane at which an NVIDIA H100 lost no triangle (docs/gpu.md).
 pub const CLOSE: f64 = 1.0 / 262_144.0;
 
 /// Returns the distance from a hemicube's eye to the nearest surface that reaches above its plane, the emitter's left

@@ -12,8 +12,8 @@ use hemicube_contract::row::RowBlock;
 use std::sync::Arc;
 
 /// Has the CPU backend draw the close hemicubes ([`hemicube_contract::close`]) of a backend that leaves them. Any other
-/// backend is returned as it is. Rows stay those of one hemicube each, in order, whatever the batches; the version names
-/// both arithmetics from `load` on.
+/// backend is returned as it is. Rows stay those of one hemicube each, in order, whatever the batches; the version
+/// names both arithmetics from `load` on.
 #[must_use]
 pub fn with_close(device: Box<dyn HemicubeBackend>) -> Box<dyn HemicubeBackend> {
     if !device.info().capabilities.leaves_close {

@@ -215,6 +215,8 @@ pub struct LoadedBackend {
     device_number: u32,
     device: Device,
     options: CString,
+    /// True if passes are the host's, whatever the session can.
+    leaves_passes: bool,
     /// NULL once it has been closed.
     session: *mut HcSession,
     /// Why it was closed, once it has failed for good.
@@ -281,6 +283,7 @@ impl LoadedBackend {
             device_number,
             device,
             options,
+            leaves_passes: false,
             session: session.get(),
             failed: None,
             choices: Vec::new(),
@@ -291,6 +294,14 @@ impl LoadedBackend {
         };
         opened.ask_info()?;
         Ok(opened)
+    }
+
+    /// The session without [`pass`](HemicubeBackend::pass): the host draws what is seen through portals.
+    #[must_use]
+    pub fn without_passes(mut self) -> Self {
+        self.leaves_passes = true;
+        self.info.capabilities.passes = false;
+        self
     }
 
     /// Its library.
@@ -381,6 +392,7 @@ impl LoadedBackend {
         if self.info.capabilities.passes && self.library.table().pass.is_none() {
             return Err(self.defect("it claims passes through portals, but its table has no `pass`".to_owned()));
         }
+        self.info.capabilities.passes &= !self.leaves_passes;
         Ok(())
     }
 
@@ -589,6 +601,7 @@ impl HemicubeBackend for LoadedBackend {
             self.device.clone(),
             options,
         )?;
+        other.leaves_passes = self.leaves_passes;
         other.load_with(loaded)?;
         Ok(Box::new(other))
     }

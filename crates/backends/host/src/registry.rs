@@ -79,6 +79,9 @@ pub enum OpenError {
     /// An option that cannot be passed on.
     #[error("backend option `{0}`: a key and a value without `,` are needed, `key=value`, and each key once")]
     Option(String),
+    /// A value that is no switch.
+    #[error("backend option `{0}`: `passes` is `on` or `off`")]
+    Switch(String),
 }
 
 fn list(tried: &[Tried]) -> String {
@@ -106,7 +109,8 @@ fn devices(there: &[Device]) -> String {
     names.join(", ")
 }
 
-/// Options of a session, from repeated `key=value`. `device`, a number or a part of a name, is the host's own.
+/// Options of a session, from repeated `key=value`. The host's own are `device`, a number or a part of a name, and
+/// `passes`: `off` has the host draw what is seen through portals, whatever the backend can.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options(BTreeMap<String, String>);
 
@@ -114,13 +118,15 @@ impl Options {
     /// Reads options, each `key=value`.
     ///
     /// # Errors
-    /// [`OpenError::Option`] for another form, or a repeated key.
+    /// [`OpenError::Option`] for another form or a repeated key, [`OpenError::Switch`] for `passes` other than `on` and
+    /// `off`.
     ///
     /// ```
     /// use hemicube_host::Options;
     /// assert!(!Options::parse(&["device=1", "validation=on"])?.is_empty());
     /// assert!(Options::parse(&["device"]).is_err(), "a key and a value are needed");
     /// assert!(Options::parse(&["device=1", "device=2"]).is_err(), "and each key once");
+    /// assert!(Options::parse(&["passes=off"]).is_ok() && Options::parse(&["passes=no"]).is_err());
     /// # Ok::<(), hemicube_host::OpenError>(())
     /// ```
     pub fn parse<T: AsRef<str>>(given: &[T]) -> Result<Self, OpenError> {
@@ -129,6 +135,9 @@ impl Options {
             let option = option.as_ref();
             let bad = || OpenError::Option(option.to_owned());
             let (key, value) = option.split_once('=').ok_or_else(bad)?;
+            if key == "passes" && !["on", "off"].contains(&value) {
+                return Err(OpenError::Switch(option.to_owned()));
+            }
             if key.is_empty() || option.contains([',', '\0']) {
                 return Err(bad());
             }
@@ -148,9 +157,13 @@ impl Options {
         self.0.get("device").map(String::as_str)
     }
 
+    fn leaves_passes(&self) -> bool {
+        self.0.get("passes").is_some_and(|value| value == "off")
+    }
+
     /// Returns all but the host's own, in the table's form.
     fn for_plugin(&self) -> String {
-        let pairs = self.0.iter().filter(|(key, _)| *key != "device");
+        let pairs = self.0.iter().filter(|(key, _)| *key != "device" && *key != "passes");
         let pairs: Vec<String> = pairs.map(|(key, value)| format!("{key}={value}")).collect();
         pairs.join(",")
     }
@@ -451,8 +464,13 @@ fn open_on(library: Arc<Library>, devices: Vec<Device>, options: &Options) -> Re
         });
     };
     let number = u32::try_from(chosen).unwrap_or(u32::MAX);
-    LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
-        .map_err(|source| OpenError::Backend { name, source })
+    let opened = LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
+        .map_err(|source| OpenError::Backend { name, source })?;
+    Ok(if options.leaves_passes() {
+        opened.without_passes()
+    } else {
+        opened
+    })
 }
 
 #[cfg(test)]

@@ -111,7 +111,7 @@ fn clip_position(v: View, high: vec3<f32>, low: vec3<f32>) -> vec4<f32> {
 }
 
 // The plane of the triangle that owns a corner, as it is on a face. On the image near / w is affine in X and Y, which
-// run from -1 to 1 as columns and rows do: xyz are its coefficients of X, Y and 1. w: the relative error of it, at most.
+// run from -1 to 1 as columns and rows do: xyz are its coefficients of X, Y and 1. w: its relative error, at most.
 fn plane_on_face(v: View, high: vec3<f32>, low: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
     let r = relative(v, high, low);
     let height = normal.x * r.x + normal.y * r.y + normal.z * r.z;

@@ -695,8 +695,8 @@ impl<B: Buffer> TreeEngine<B> {
         let mut most = None;
         let distributor = &mut self.distributor;
         self.buffer.uncover(of.id, &mut distributor.uncovered);
-        // Words of the coverage with pixels that no patch has yet, and these: a patch is held against a sixtieth of what
-        // it would be pixel by pixel.
+        // Words of the coverage with pixels that no patch has yet, and these pixels. A patch is held against words: there
+        // are up to 64 times fewer than pixels.
         let mut left: Vec<(usize, u64)> = Vec::new();
         for (row, x) in pixels {
             let (word, bit) = distributor.uncovered.place_of(row, x);
