@@ -6,15 +6,18 @@
 //!
 //! A file with nine digits holds the pieces of a turned wall some 10⁻⁹ of the scene off its plane. Such pieces are one
 //! region, too, if they are within [`ROUGH`] of one plane and of the polygon's sides; the region knows by how much
-//! ([`CoplanarRegions::unevenness`]), and exact visibility counts it as error.
+//! ([`CoplanarRegions::unevenness`]), and exact visibility counts it as error. Where another surface all but coincides
+//! with such a wall, as the party wall of the house next door, the pieces stay as they are: which of the two is in front
+//! of the other is a matter of less than the unevenness.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
-use crate::bvh::Tree;
+use crate::bvh::{Tree, overlap};
 use crate::geometry::cross;
 use crate::visibility::wide::WideTree;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
+use hemicube_spatial::Aabb;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
@@ -24,6 +27,8 @@ const FLAT: f64 = 0.25;
 const ROUGH: f64 = 32.0;
 /// Bound of the surfaces looked at for rough regions, for each surface of the scene.
 const MOST_LOOKED_AT: usize = 8;
+/// Bound of the surfaces held against rough regions, for each surface of the scene.
+const MOST_HELD_AGAINST: usize = 64;
 /// Bound of a region's corners: regions of more are left in pieces.
 const MOST_CORNERS: usize = 8;
 /// Difference of a region's area from the sum of its pieces', at most, in parts of it.
@@ -73,21 +78,26 @@ impl CoplanarRegions {
         };
         let (mut region, mut rough) = (Vec::new(), Vec::new());
         let mut most_looked_at = MOST_LOOKED_AT * surfaces.len();
+        let mut most_held_against = MOST_HELD_AGAINST * surfaces.len();
+        let mut is_covered = vec![false; surfaces.len()];
         for seed in order {
             growth.grow(seed, flat, &mut region);
             if region.is_empty() {
                 continue;
             }
             let polygon = mesh.polygon(surfaces, &region, flat);
-            if most_looked_at > 0 {
+            if most_looked_at > 0 && !is_covered[seed] {
                 growth.grow_roughly(seed, ROUGH * geometry.plane_tolerance, &region, &mut rough);
                 most_looked_at = most_looked_at.saturating_sub(rough.len());
                 let wall = (rough.len() > region.len())
                     .then(|| mesh.uneven_polygon(surfaces, &rough, ROUGH * geometry.plane_tolerance));
                 if let Some(wall) = wall.flatten() {
-                    growth.take(&rough);
-                    found.push(surfaces, &rough, &wall);
-                    continue;
+                    if !wall.is_covered(geometry, &rough, &mut most_held_against) {
+                        growth.take(&rough);
+                        found.push(surfaces, &rough, &wall);
+                        continue;
+                    }
+                    rough.iter().for_each(|&piece| is_covered[piece as usize] = true);
                 }
             }
             if let Some(polygon) = polygon {
@@ -199,6 +209,51 @@ impl Wall {
             corners: surface.corners.to_vec(),
             unevenness: 0.0,
         }
+    }
+
+    /// Returns whether a surface that is none of `pieces` all but coincides with part of it: one of the two lies within
+    /// twice the unevenness of the other's plane. Takes the surfaces held against it from `most`; where they are used up,
+    /// the wall counts as covered.
+    fn is_covered(&self, geometry: &Geometry, pieces: &[u32], most: &mut usize) -> bool {
+        let corners = &self.corners;
+        let fan: Vec<[DVec3; 3]> = (1..corners.len() - 1)
+            .map(|k| [corners[0], corners[k], corners[k + 1]])
+            .collect();
+        let across: DVec3 = fan.iter().map(cross).sum();
+        let normal = across.normalize_or_zero();
+        let slack = 2.0 * self.unevenness + geometry.plane_tolerance;
+        let lies_in =
+            |points: &[DVec3], at: DVec3, normal: DVec3| points.iter().all(|&p| normal.dot(p - at).abs() <= slack);
+        let pieces: HashSet<u32> = pieces.iter().copied().collect();
+        let reach = Aabb::from_points(corners.iter().copied());
+        let (low, high) = (reach.min - slack, reach.max + slack);
+        let reaches = |bounds: &Aabb| bounds.min.cmple(high).all() && bounds.max.cmpge(low).all();
+        let mut pending = vec![0];
+        while let Some(node) = pending.pop() {
+            let Some(node) = geometry.octree.nodes().get(node as usize) else {
+                continue;
+            };
+            if !reaches(&node.bounds) {
+                continue;
+            }
+            pending.extend(node.children());
+            for item in node.own() {
+                if *most == 0 {
+                    return true;
+                }
+                *most -= 1;
+                let other = &geometry.surfaces[item as usize].corners;
+                if !reaches(&Aabb::from_points(*other)) || pieces.contains(&item) {
+                    continue;
+                }
+                let is_close =
+                    lies_in(other, corners[0], normal) || lies_in(corners, other[0], cross(other).normalize_or_zero());
+                if is_close && fan.iter().any(|part| overlap(part, other, normal, slack)) {
+                    return true;
+                }
+            }
+        }
+        false
     }
 }
 
@@ -559,6 +614,40 @@ mod tests {
         let regions = CoplanarRegions::of(&wall(1e14));
         assert_eq!((regions.len(), regions.unevenness(0)), (1, 0.0));
         assert!(CoplanarRegions::of(&wall(1e6)).len() > 8);
+    }
+
+    /// A wall whose pieces are not in one plane is held against what stands in it by its pieces: by its plane, the
+    /// wall of the house behind it would be in front of it.
+    #[test]
+    fn a_rough_wall_with_a_party_wall_stays_in_pieces() {
+        // Bent by 3·10⁻⁹ along its diagonal.
+        let wall = |x: f64, turned: bool| {
+            let (a, b, c, d) = ([x, 0., 0.], [x, 1., 0.], [x - 3e-9, 1., 1.], [x, 0., 1.]);
+            if turned {
+                [[a, c, b], [a, d, c]]
+            } else {
+                [[a, b, c], [a, c, d]]
+            }
+        };
+        let regions = |others: &[[[f64; 3]; 3]]| {
+            let triangles: Vec<_> = wall(0.0, false).iter().chain(others).copied().collect();
+            CoplanarRegions::of(&model(&scene(&triangles), Subdivision::None))
+                .of_patch
+                .iter()
+                .take(2)
+                .copied()
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(regions(&[]), [0, 0]);
+        // Far behind it, and beside it in its plane.
+        assert_eq!(regions(&wall(-1e-3, true)), [0, 0]);
+        let beside = [[0., 1., 0.], [0., 2., 0.], [0., 1., 1.]];
+        assert_eq!(regions(&[beside]), [0, 0]);
+        // On it, behind it by less than it is bent, and on a part of it, whichever way it faces.
+        for others in [wall(0.0, true), wall(-5e-10, true), wall(-5e-10, false)] {
+            assert_eq!(regions(&others), [0, 1], "{others:?}");
+            assert_eq!(regions(&others[..1]), [0, 1], "{others:?}");
+        }
     }
 
     #[test]
