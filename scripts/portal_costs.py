@@ -222,7 +222,7 @@ def backends(program, folder, scene, names):
             through = [*line, "--specular", f"{name}.toml"]
             for backend in ("cpu", *names):
                 of = ["--backend", backend]
-                ways = [(line, []), (through, []), (through, ["--backend-option", "passes=off"])][: 2 if backend == "cpu" else 3]
+                ways = [(line, []), (through, ["--backend-option", "passes=on"]), (through, [])][: 2 if backend == "cpu" else 3]
                 times, off = [], []
                 for k, (rows, option) in enumerate(ways):
                     store = "cpu" if backend == "cpu" and k == 1 else "all"

@@ -658,7 +658,7 @@ fn through_a_mirror(fault: &str) -> (Run, Output) {
         "[object.mirror]\nspecular = 0.8\n",
     )
     .expect("a file");
-    let mut command = run.compute_command(&[&format!("fault={fault}"), "after=3"]);
+    let mut command = run.compute_command(&[&format!("fault={fault}"), "after=3", "passes=on"]);
     let output = command.args(["--split", "2", "--specular", "optics.toml"]).output();
     let output = output.expect("the program runs");
     if !output.status.success() {

@@ -70,8 +70,8 @@ fn follows_mirrors(name: &str) {
     let by_pixels = "through mirrors and panes where passes are large";
     let fine = "--correction pixel --resolution 128";
     for (settings, option, most, said) in [
-        (fine, "", 0.01, by_pixels),
-        (fine, "--backend-option passes=off", 0.01, FOLLOWED),
+        (fine, "--backend-option passes=on", 0.01, by_pixels),
+        (fine, "", 0.01, FOLLOWED),
         ("--correction area", "", 2e-3, FOLLOWED),
     ] {
         let line = format!("compute room.obj --overwrite --split 2 --specular optics.toml {settings}");

@@ -110,7 +110,7 @@ fn devices(there: &[Device]) -> String {
 }
 
 /// Options of a session, from repeated `key=value`. The host's own are `device`, a number or a part of a name, and
-/// `passes`: `off` has the host draw what is seen through portals, whatever the backend can.
+/// `passes`: `on` has the backend draw what is seen through portals, if it can; the host does by itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options(BTreeMap<String, String>);
 
@@ -148,6 +148,13 @@ impl Options {
         Ok(Self(options))
     }
 
+    /// Has the backend draw passes, if it can and no option says otherwise.
+    #[must_use]
+    pub fn with_passes(mut self) -> Self {
+        self.0.entry("passes".to_owned()).or_insert_with(|| "on".to_owned());
+        self
+    }
+
     /// Returns whether there is none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -157,8 +164,8 @@ impl Options {
         self.0.get("device").map(String::as_str)
     }
 
-    fn leaves_passes(&self) -> bool {
-        self.0.get("passes").is_some_and(|value| value == "off")
+    fn draws_passes(&self) -> bool {
+        self.0.get("passes").is_some_and(|value| value == "on")
     }
 
     /// Returns all but the host's own, in the table's form.
@@ -466,10 +473,10 @@ fn open_on(library: Arc<Library>, devices: Vec<Device>, options: &Options) -> Re
     let number = u32::try_from(chosen).unwrap_or(u32::MAX);
     let opened = LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
         .map_err(|source| OpenError::Backend { name, source })?;
-    Ok(if options.leaves_passes() {
-        opened.without_passes()
-    } else {
+    Ok(if options.draws_passes() {
         opened
+    } else {
+        opened.without_passes()
     })
 }
 
