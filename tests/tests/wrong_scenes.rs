@@ -658,6 +658,14 @@ fn libraries_tables_and_conditions_in_utf_16_are_named() {
         said.contains("s.mtl") && said.contains("is UTF-16 text; save it as UTF-8"),
         "{said}"
     );
+    place
+        .line("compute s.obj -o M --no-config --specular scene")
+        .is(2)
+        .says(&[
+            "the mirrors and panes of `s.obj`",
+            "s.mtl",
+            "is UTF-16 text; save it as UTF-8",
+        ]);
     let conditions = "[default]\nemissivity = 0.9\ntemperature = 300\n";
     for mark in ["\u{FEFF}", ""] {
         write(&place, "m.toml", &wide(conditions, mark));
