@@ -246,6 +246,157 @@ fn an_inside_out_city_is_named_and_a_city_is_not() {
         .says(&["16 objects face inwards", "`--flip 'building *'`"]);
 }
 
+/// A city with some of its objects turned round, or all of it.
+fn turned_city(is_turned: impl Fn(&str) -> bool, name: impl Fn(&str) -> String) -> String {
+    let [low, high] = [-60.0, 140.0];
+    let ground = [[low, low, 0.0], [high, low, 0.0], [high, high, 0.0], [low, high, 0.0]];
+    let mut quads = vec![("ground".to_owned(), ground)];
+    for number in 0..16 {
+        let (x, y) = (20.0 * f64::from(number / 4), 20.0 * f64::from(number % 4));
+        for (_, quad) in sides([x, y, 0.0], [x + 10.0, y + 10.0, 12.0 + f64::from(3 * (number % 5))]) {
+            quads.push((format!("building {number}"), quad));
+        }
+    }
+    let of = |(own, quad): (String, Quad)| (name(&own), if is_turned(&own) { turned(quad) } else { quad });
+    obj(&quads.into_iter().map(of).collect::<Vec<_>>())
+}
+
+#[test]
+fn a_ground_that_faces_down_and_a_city_turned_over_are_named() {
+    let place = Place::new();
+    let named = |name: &str| name.to_owned();
+    write(
+        &place,
+        "ground.obj",
+        turned_city(|name| name == "ground", named).as_bytes(),
+    );
+    let said = sentences(&inspected(&place, "ground.obj --split 2"));
+    assert!(
+        said.len() == 1 && said[0].starts_with("`ground` faces down and sees nothing"),
+        "{said:?}"
+    );
+    assert!(said[0].contains("`--flip ground`"), "{said:?}");
+    assert!(sentences(&inspected(&place, "ground.obj --split 2 --flip ground")).is_empty());
+    place
+        .line("compute ground.obj -o G --no-config --resolution 64")
+        .is(0)
+        .says(&["`ground` faces down"]);
+    // Whatever its objects are called, and as one object.
+    for (file, name) in [
+        ("all.obj", &named as &dyn Fn(&str) -> String),
+        ("one.obj", &|_: &str| "all".to_owned()),
+    ] {
+        write(&place, file, turned_city(|_| true, name).as_bytes());
+        let said = sentences(&inspected(&place, &format!("{file} --split 2")));
+        assert!(
+            said.len() == 1 && said[0].starts_with("everything faces the wrong way"),
+            "{file}: {said:?}"
+        );
+        assert!(sentences(&inspected(&place, &format!("{file} --split 2 --flip all"))).is_empty());
+        place
+            .line(&format!("compute {file} -o A --overwrite --no-config --resolution 64"))
+            .is(0)
+            .says(&["everything faces the wrong way", "`--flip all`"]);
+    }
+}
+
+/// Files of CAD programs have one object, or a name for all furniture.
+#[test]
+fn a_part_of_an_object_that_faces_the_wrong_way_is_placed() {
+    let place = Place::new();
+    let one = |_: &str| "all".to_owned();
+    write(&place, "city.obj", turned_city(|_| false, one).as_bytes());
+    assert!(sentences(&inspected(&place, "city.obj --split 2")).is_empty());
+    write(
+        &place,
+        "one.obj",
+        turned_city(|name| name == "building 6", one).as_bytes(),
+    );
+    let said = sentences(&inspected(&place, "one.obj --split 2"));
+    assert!(
+        said.len() == 1 && said[0].starts_with("1 part of objects faces inwards (`all` at x 20–30, y 40–50, z 0–15)"),
+        "{said:?}"
+    );
+    let room = |wrong: &[&str]| {
+        let mut text = room(wrong);
+        for name in ["bottom", "top", "south", "north", "west", "east", "table"] {
+            text = text.replace(&format!("o {name}\n"), "o all\n");
+        }
+        text
+    };
+    write(&place, "room.obj", room(&[]).as_bytes());
+    assert!(sentences(&inspected(&place, "room.obj --split 3")).is_empty());
+    for (wrong, at) in [("west", "x 0, y 0–5, z 0–3"), ("table", "x 2–3, y 2–3, z 0.5–1.2")] {
+        write(&place, "wrong.obj", room(&[wrong]).as_bytes());
+        let said = sentences(&inspected(&place, "wrong.obj --split 3"));
+        assert!(
+            said.len() == 1 && said[0].contains(&format!("`all` at {at}")),
+            "{wrong}: {said:?}"
+        );
+    }
+    write(
+        &place,
+        "out.obj",
+        room(&["bottom", "top", "south", "north", "west", "east", "table"]).as_bytes(),
+    );
+    let said = sentences(&inspected(&place, "out.obj --split 3"));
+    assert!(
+        said.len() == 1 && said[0].contains("wound outwards throughout"),
+        "{said:?}"
+    );
+}
+
+/// One-sided surfaces that face the sky over an open scene, and what stands in a house, face the right way.
+#[test]
+fn canopies_panels_and_zones_are_no_false_alarm() {
+    let place = Place::new();
+    let flat = |[x, y, a, b]: [f64; 4], low: f64, high: f64| [[x, y, low], [a, y, low], [a, b, high], [x, b, high]];
+    let ground = ("ground".to_owned(), flat([-20.0, -20.0, 40.0, 40.0], 0.0, 0.0));
+    let mut panels = vec![ground.clone()];
+    for number in 0..20 {
+        let (x, y) = (5.0 * f64::from(number / 5), 4.0 * f64::from(number % 5));
+        panels.push(("panel".to_owned(), flat([x, y, x + 3.0, y + 1.6], 0.6, 1.8)));
+    }
+    let mut canopy = vec![
+        ground.clone(),
+        ("canopy".to_owned(), flat([0.0, 0.0, 12.0, 8.0], 3.0, 3.0)),
+    ];
+    for (x, y) in [(0.0, 0.0), (11.8, 0.0), (0.0, 7.8), (11.8, 7.8)] {
+        let post = sides([x, y, 0.0], [x + 0.2, y + 0.2, 3.0]);
+        canopy.extend(post.map(|(_, quad)| ("post".to_owned(), quad)));
+    }
+    let mut house = vec![ground];
+    house.extend(
+        sides([0.0; 3], [10.0, 6.0, 4.0])
+            .into_iter()
+            .skip(1)
+            .map(|(_, quad)| ("facade".to_owned(), quad)),
+    );
+    for (name, low, high) in [("zone 1", 0.3, 4.8), ("zone 2", 5.1, 9.7)] {
+        let zone = sides([low, 0.3, 0.2], [high, 5.7, 3.0]);
+        house.extend(zone.map(|(_, quad)| (name.to_owned(), turned(quad))));
+    }
+    house.push(("roof".to_owned(), flat([0.0, 0.0, 10.0, 3.0], 4.0, 6.0)));
+    house.push((
+        "roof".to_owned(),
+        [[10.0, 6.0, 4.0], [0.0, 6.0, 4.0], [0.0, 3.0, 6.0], [10.0, 3.0, 6.0]],
+    ));
+    for (name, quads) in [("panels.obj", panels), ("canopy.obj", canopy), ("house.obj", house)] {
+        write(&place, name, obj(&quads).as_bytes());
+        let found = inspected(&place, &format!("{name} --split 3"));
+        assert!(sentences(&found).is_empty(), "{name}: {found}");
+    }
+    // A thick-walled room with a chair turned round in it: the chair, not the walls.
+    let mut thick: Vec<(String, Quad)> = sides([-3.0; 3], [3.0; 3])
+        .map(|(_, quad)| ("walls".to_owned(), quad))
+        .into();
+    thick.extend(sides([-2.5; 3], [2.5; 3]).map(|(_, quad)| ("walls".to_owned(), turned(quad))));
+    thick.extend(sides([-0.5; 3], [0.5; 3]).map(|(_, quad)| ("chair".to_owned(), turned(quad))));
+    write(&place, "thick.obj", obj(&thick).as_bytes());
+    let said = sentences(&inspected(&place, "thick.obj --split 3"));
+    assert!(said.len() == 1 && said[0].contains("`--flip chair`"), "{said:?}");
+}
+
 /// Solids that stand on each other, all in one object: each sees backs where they touch, and turned round they would
 /// see themselves. Nothing is wrong with them.
 #[test]
@@ -483,6 +634,69 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
         both.contains("20 K of material") && both.contains("15 K of `--ambient`"),
         "{both}"
     );
+}
+
+/// A material library that is not read, or a table in another coding, is named with the line to take.
+#[test]
+fn libraries_tables_and_conditions_in_utf_16_are_named() {
+    let place = Place::new();
+    let wide = |text: &str, mark: &str| -> Vec<u8> {
+        format!("{mark}{text}")
+            .encode_utf16()
+            .flat_map(u16::to_le_bytes)
+            .collect()
+    };
+    write(&place, "s.mtl", &wide("newmtl red\nKd 0.5 0.1 0.1\n", "\u{FEFF}"));
+    write(
+        &place,
+        "s.obj",
+        b"mtllib s.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\nf 4 6 5\n",
+    );
+    place.line("compute s.obj -o S --no-config --resolution 64").is(0);
+    let said = place.line("solve S --scene s.obj").is(2).err;
+    assert!(
+        said.contains("s.mtl") && said.contains("is UTF-16 text; save it as UTF-8"),
+        "{said}"
+    );
+    place
+        .line("compute s.obj -o M --no-config --specular scene")
+        .is(2)
+        .says(&[
+            "the mirrors and panes of `s.obj`",
+            "s.mtl",
+            "is UTF-16 text; save it as UTF-8",
+        ]);
+    let conditions = "[default]\nemissivity = 0.9\ntemperature = 300\n";
+    for mark in ["\u{FEFF}", ""] {
+        write(&place, "m.toml", &wide(conditions, mark));
+        write(&place, "t.csv", &wide("*,300\n", mark));
+        write(&place, "p.txt", b"0.2 0.2 0.5\n");
+        place
+            .line("solve S --thermal --materials m.toml --ambient 300")
+            .is(2)
+            .says(&["m.toml", "is UTF-16 text; save it as UTF-8"]);
+        place
+            .line("points s.obj --up z --points p.txt --temperatures t.csv --sky-temperature 300")
+            .is(2)
+            .says(&["t.csv", "is UTF-16 text; save it as UTF-8"]);
+    }
+    // Degrees Celsius without their sign.
+    write(&place, "t.csv", b"*,20\n");
+    let asked = place
+        .line("points s.obj --up z --points p.txt --temperatures t.csv --sky-temperature 10")
+        .is(0)
+        .err;
+    assert_eq!(asked.matches("degrees Celsius").count(), 1, "{asked}");
+    assert!(
+        asked.contains("20 K of `*`") && asked.contains("10 K of `--sky-temperature`"),
+        "{asked}"
+    );
+    write(&place, "t.csv", "*,20 °C\n".as_bytes());
+    let asked = place
+        .line("points s.obj --up z --points p.txt --temperatures t.csv --sky-temperature 283")
+        .is(0)
+        .err;
+    assert_eq!(asked.matches("degrees Celsius").count(), 0, "{asked}");
 }
 
 #[test]

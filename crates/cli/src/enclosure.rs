@@ -3,15 +3,17 @@
 use crate::escape::shown;
 use crate::prepare::Prepared;
 use crate::report::{count, counted, figures, percent};
-use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Turn, Winding, enclosure};
+use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Part, Turn, Winding, enclosure};
 use hemicube::driver::selection::matches_glob;
+use hemicube_scene::Axis;
 use std::collections::BTreeSet;
 
 /// A run's scene is examined if its mean row sum is at most this, or its mean blocked share at least this.
 const LEAST_SUM: f64 = 0.02;
 const MOST_BLOCKED: f64 = 0.01;
-/// Largest mean escaped share at which objects may see only themselves.
-const LEAST_ESCAPED: f64 = 0.02;
+/// Largest mean escaped share at which objects may see only themselves, and the least of one object.
+const MOST_ESCAPED: f64 = 0.3;
+const LEAST_ESCAPED: f64 = 1e-3;
 /// Most surfaces of an examined scene.
 const SURFACES_MAX: usize = 1500;
 /// Most surfaces if nothing but a closed view is odd.
@@ -19,31 +21,44 @@ const SURFACES_OF_CLOSED: usize = 400;
 /// Names in a sentence.
 const NAMES_SHOWN: usize = 4;
 
-/// The object of each triangle of the scene.
-pub(crate) fn objects(prepared: &Prepared) -> Vec<u32> {
+/// What the examination needs of a scene's triangles.
+pub(crate) struct Objects {
+    /// Of each triangle.
+    of: Vec<u32>,
+    up: Option<Axis>,
+}
+
+/// The object of each triangle of the scene, and the axis that points up.
+pub(crate) fn objects(prepared: &Prepared) -> Objects {
     let triangles = prepared.scene.triangles.iter();
-    triangles.map(|triangle| triangle.object).collect()
+    Objects {
+        of: triangles.map(|triangle| triangle.object).collect(),
+        up: hemicube_scene::up::up(&prepared.scene).known(),
+    }
 }
 
 /// Examines the enclosure, with triangles grouped by [`objects`].
-pub(crate) fn of(prepared: &Prepared, objects: &[u32], options: DiagnoseOptions) -> Enclosure {
+pub(crate) fn of(prepared: &Prepared, objects: &Objects, options: DiagnoseOptions) -> Enclosure {
+    let up = objects.up;
     enclosure(
         &prepared.model,
-        |patch| objects[prepared.patches.triangle(patch)],
-        options,
+        |patch| objects.of[prepared.patches.triangle(patch)],
+        DiagnoseOptions { up, ..options },
     )
 }
 
-/// Returns whether the rows of a run look odd: nothing in sight, many backs in view, or several objects from none of
-/// which anything escapes.
+/// Returns whether the rows of a run look odd: nothing in sight, many backs in view, or little that escapes, unless one
+/// object is closed.
 pub(crate) fn is_odd(objects: usize, [row_sum, escaped, blocked]: [f64; 3]) -> bool {
-    row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED || (objects > 1 && escaped <= LEAST_ESCAPED)
+    row_sum <= LEAST_SUM
+        || blocked >= MOST_BLOCKED
+        || (escaped <= MOST_ESCAPED && (objects > 1 || escaped > LEAST_ESCAPED))
 }
 
 /// Warnings about the scene of a run with odd rows.
 pub(crate) fn questions(
     prepared: &Prepared,
-    objects: &[u32],
+    objects: &Objects,
     [row_sum, blocked]: [f64; 2],
     threads: usize,
 ) -> Vec<String> {
@@ -160,32 +175,95 @@ pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     if names.len() > NAMES_SHOWN {
         listed.push(format!("{} more", count((names.len() - NAMES_SHOWN) as u64)));
     }
-    let listed = match listed.split_last() {
-        Some((last, [])) => last.clone(),
-        Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
-        None => String::new(),
-    };
+    let listed = listing(&listed);
     let lost = percent(winding.lost);
+    let one = names.len() == 1;
+    let them = if one { "it" } else { "them" };
     match winding.turn {
         Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, \
                       which is right for a solid alone that is seen from outside; for the space within, `--flip all` \
                       turns it round"
             .to_owned(),
+        Turn::Everything => "everything faces the wrong way: the ground faces down, and what stands on it inwards; \
+                             `--flip all` turns it round"
+            .to_owned(),
+        _ if !winding.parts.is_empty() => of_parts(prepared, winding, &listed, &lost),
         Turn::InsideOut => format!(
-            "{} face inwards ({listed}): they see only their own insides, and others see their backs, {lost} of all \
-             views; {} turns them round",
+            "{} {} inwards ({listed}): {} only {} own {}, and others see {}, {lost} of all views; {} turns {them} round",
             counted(winding.objects.len() as u64, "object"),
+            if one { "faces" } else { "face" },
+            if one { "it sees" } else { "they see" },
+            if one { "its" } else { "their" },
+            if one { "inside" } else { "insides" },
+            if one { "its back" } else { "their backs" },
+            options(prepared, &names)
+        ),
+        Turn::Ground => format!(
+            "{listed} {} down and {} nothing, and {lost} of all views is lost by {}; {} turns {them} round",
+            if one { "faces" } else { "face" },
+            if one { "sees" } else { "see" },
+            if one { "its back" } else { "their backs" },
             options(prepared, &names)
         ),
         _ => format!(
-            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {} round, and `--two-sided on` is \
+            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {them} round, and `--two-sided on` is \
              for sheets",
-            if names.len() == 1 { "faces" } else { "face" },
-            if names.len() == 1 { "its back" } else { "their backs" },
+            if one { "faces" } else { "face" },
+            if one { "its back" } else { "their backs" },
             options(prepared, &names),
-            if names.len() == 1 { "it" } else { "them" },
         ),
     }
+}
+
+/// `a, b and c`.
+fn listing(of: &[String]) -> String {
+    match of.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
+        None => String::new(),
+    }
+}
+
+/// The sentence where parts of objects face the wrong way, which no option turns; whole objects may be among them.
+fn of_parts(prepared: &Prepared, winding: &Winding, objects: &str, lost: &str) -> String {
+    let parts = &winding.parts;
+    let name = |part: &Part| {
+        let names = &prepared.scene.objects;
+        let name = names.get(part.object as usize).map_or("", String::as_str);
+        if name.is_empty() {
+            String::new()
+        } else {
+            format!("`{}` ", shown(name))
+        }
+    };
+    let mut listed: Vec<String> = parts
+        .iter()
+        .take(NAMES_SHOWN)
+        .map(|part| format!("{}at {}", name(part), extent(part.low, part.high)))
+        .collect();
+    if parts.len() > NAMES_SHOWN {
+        listed.push(format!("{} more", count((parts.len() - NAMES_SHOWN) as u64)));
+    }
+    let among = if objects.is_empty() {
+        String::new()
+    } else {
+        format!(", and {objects}")
+    };
+    let one = parts.len() == 1 && objects.is_empty();
+    let way = match winding.turn {
+        Turn::InsideOut => "inwards",
+        Turn::Ground => "down",
+        _ => "the wrong way",
+    };
+    format!(
+        "{} of objects {} {way} ({}{among}): {lost} of all views is lost by {}; turn {} round in the modeller, as \
+         `--flip` turns whole objects",
+        counted(parts.len() as u64, "part"),
+        if one { "faces" } else { "face" },
+        listed.join("; "),
+        if one { "its back" } else { "their backs" },
+        if one { "it" } else { "them" },
+    )
 }
 
 /// `x 2.25–3, y 5, z 1.01–1.35`.

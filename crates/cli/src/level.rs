@@ -12,6 +12,7 @@ use hemicube::driver::compute::{Execution, Selection};
 pub(crate) use hemicube::driver::level::percentage;
 use hemicube::driver::level::{Asked, LevelError};
 use hemicube::store::Form;
+use std::sync::atomic::AtomicBool;
 
 /// The correction of a name.
 pub(crate) fn correction(name: Name) -> Correction {
@@ -30,9 +31,11 @@ pub(crate) fn within(
     tolerance: Tolerance,
     backend: &mut dyn HemicubeBackend,
     threads: usize,
+    cancel: &AtomicBool,
 ) -> Result<Calibration> {
     let execution = Execution {
         threads,
+        cancel: Some(cancel),
         ..Execution::default()
     };
     Ok(hemicube::driver::level::within(

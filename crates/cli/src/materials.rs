@@ -21,6 +21,7 @@
 //!
 //! `hemicube::solve::Properties` has the rule of precedence.
 
+use crate::args::Talk;
 use crate::exit::hinted;
 use crate::toml_file;
 use anyhow::{Result, anyhow, bail};
@@ -52,9 +53,10 @@ pub(crate) fn read(
     scene: Option<&Path>,
     path: Option<&Path>,
     allow_large: bool,
+    talk: Talk,
 ) -> Result<Properties> {
     let optics = scene
-        .map(|scene| of_scene(&manifest.materials, scene, allow_large))
+        .map(|scene| of_scene(&manifest.materials, scene, allow_large, talk))
         .transpose()?;
     let tables: Tables = match path {
         Some(path) => toml_file::read(path, "materials")?,
@@ -79,7 +81,8 @@ pub(crate) fn told(error: PropertyError) -> anyhow::Error {
     }
 }
 
-fn of_scene(names: &[String], path: &Path, allow_large: bool) -> Result<Vec<[Option<[f64; 3]>; 2]>> {
+/// Warns of libraries that were not read: what they describe is taken from elsewhere, or missing.
+fn of_scene(names: &[String], path: &Path, allow_large: bool, talk: Talk) -> Result<Vec<[Option<[f64; 3]>; 2]>> {
     let scene = hemicube_scene::load(
         path,
         ReadOptions {
@@ -92,6 +95,10 @@ fn of_scene(names: &[String], path: &Path, allow_large: bool) -> Result<Vec<[Opt
             "`{}` is not the scene that the matrix is of: its materials are others",
             path.display()
         );
+    }
+    let of_libraries = |warning: &&String| warning.starts_with("the material library");
+    for warning in scene.findings.warnings.iter().filter(of_libraries) {
+        talk.warn(warning);
     }
     let values = |material: &Material| [material.diffuse, material.emission];
     Ok(scene.materials.iter().map(values).collect())

@@ -254,7 +254,13 @@ fn specular(path: &Path, prepared: &Prepared, bound: f64, band: usize) -> Result
             optics: true,
             allow_large: true,
         };
-        let laws = laws_of_scene(&hemicube_scene::load(Path::new(&prepared.input.path), options)?);
+        let read = hemicube_scene::load(Path::new(&prepared.input.path), options)?;
+        // Mirrors that it may describe would be left out.
+        let is_of_library = |warning: &&String| warning.starts_with("the material library");
+        if let Some(warning) = read.findings.warnings.iter().find(is_of_library) {
+            bail!("the mirrors and panes of `{}`: {warning}", prepared.input.path);
+        }
+        let laws = laws_of_scene(&read);
         let specular = Specular::new(scene, &prepared.patches, &laws, &[], bound);
         return specular.with_context(|| format!("the mirrors and panes of `{}`", prepared.input.path));
     }

@@ -61,7 +61,9 @@ pub(crate) fn reference_rows(
                 while !cancel.load(Ordering::Relaxed) {
                     let place = next.fetch_add(1, Ordering::Relaxed);
                     let Some(&emitter) = emitters.get(place) else { break };
-                    if sender.send((place, reference.row(emitter))).is_err() {
+                    let row = reference.row(emitter);
+                    // A row that the interrupt ended means nothing.
+                    if cancel.load(Ordering::Relaxed) || sender.send((place, row)).is_err() {
                         break;
                     }
                 }
@@ -381,8 +383,8 @@ impl Verify<'_> {
         let samples = groups.map(|groups| Samples::draw(&mut drawn_rows, &groups.grouping, model, self.seed));
         let settings = settings_of(self, drawn_rows.len() as f64 / drawn.row_count().max(1) as f64);
         let reference = Reference::new(model, settings).context("there is no reference to verify against")?;
-        let reference = reference.with_portals(&plan.portals);
-        // An interrupt ends the reference after the rows in progress; their errors are reported.
+        let reference = reference.with_portals(&plan.portals).cancelled_by(self.cancel);
+        // An interrupt ends the reference; the errors of the rows before it are reported.
         let guard = exit::InterruptGuard::new();
         let bar = Bar::rows(talk, drawn_rows.len() as u64, 0);
         let row_count = drawn_rows.len() as u64;

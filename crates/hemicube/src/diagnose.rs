@@ -13,15 +13,16 @@ mod rays;
 mod sample;
 mod sight;
 mod statistics;
+mod units;
 
-pub use enclosure::{Enclosure, Leak, Turn, Winding, enclosure};
+pub use enclosure::{Enclosure, Leak, Part, Turn, Winding, enclosure};
 pub use place::{Place, places};
 pub use precision::{Grain, Precision};
 pub use statistics::SceneStatistics;
 
 use crate::Model;
 use glam::DVec3;
-use hemicube_scene::InputPatch;
+use hemicube_scene::{Axis, InputPatch};
 use hemicube_spatial::whole;
 use serde::Serialize;
 
@@ -34,6 +35,8 @@ pub struct DiagnoseOptions {
     pub threads: usize,
     /// Most surfaces examined by each detector; the bound on the work is lower in large scenes.
     pub surfaces_max: usize,
+    /// The axis that points up, where it is known.
+    pub up: Option<Axis>,
 }
 
 impl Default for DiagnoseOptions {
@@ -42,6 +45,7 @@ impl Default for DiagnoseOptions {
             seed: 1,
             threads: 0,
             surfaces_max: usize::MAX,
+            up: None,
         }
     }
 }

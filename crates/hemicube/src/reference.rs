@@ -48,7 +48,7 @@ use hemicube_scene::InputPatch;
 use hemicube_spatial::whole;
 use hemisphere::{Hemisphere, Missing};
 use pair::{BATCHES, Pair};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
 use visibility::{Met, Occluders, Sight};
 
@@ -249,6 +249,7 @@ pub struct Reference<'m> {
     occluders: Occluders,
     settings: ReferenceSettings,
     through: Option<portals::Through>,
+    cancel: Option<&'m AtomicBool>,
 }
 
 /// Share of patches not found by rays in the squared error aimed at, and in the error of the sum.
@@ -288,7 +289,21 @@ impl<'m> Reference<'m> {
             occluders: Occluders::new(model),
             settings,
             through: None,
+            cancel: None,
         })
+    }
+
+    /// Ends rows within a moment once `cancel` is set; a row that it ended means nothing.
+    #[must_use]
+    pub fn cancelled_by(self, cancel: &'m AtomicBool) -> Self {
+        Self {
+            cancel: Some(cancel),
+            ..self
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 
     /// The settings.
@@ -494,6 +509,9 @@ impl<'m> Reference<'m> {
         hemisphere.begin();
         loop {
             hemisphere.round(&self.occluders, sight, seed);
+            if self.is_cancelled() {
+                return (f64::INFINITY, false);
+            }
             let rays = hemisphere.rays();
             let wanted = self.least(hemisphere, facing);
             // Both numbers are small enough for either type.
@@ -545,6 +563,9 @@ impl<'m> Reference<'m> {
         let each = (0.25 * rays).min(most as f64 / whole.max(f64::MIN_POSITIVE));
         let mut left = max_rays / SHARE_OF_UNMET;
         for pair in unmet.iter_mut() {
+            if self.is_cancelled() {
+                break;
+            }
             let count = whole::to_u64(each * pair.most() / batches).max(1);
             pair.cast(&self.occluders, sight, count);
             left = left.saturating_sub(count * BATCHES as u64);
@@ -553,11 +574,14 @@ impl<'m> Reference<'m> {
         for _ in 0..LOOKS {
             let missing = missing_of(unmet);
             let again: u64 = unmet.iter().filter(|pair| pair.passed().0 <= 1).map(Pair::rays).sum();
-            if missing.sum <= SHARE_OF_MISSED * target * sum || again > left {
+            if missing.sum <= SHARE_OF_MISSED * target * sum || again > left || self.is_cancelled() {
                 break;
             }
             left -= again;
             for pair in unmet.iter_mut().filter(|pair| pair.passed().0 <= 1) {
+                if self.is_cancelled() {
+                    break;
+                }
                 pair.cast(&self.occluders, sight, pair.rays() / BATCHES as u64);
             }
         }
@@ -578,6 +602,9 @@ impl<'m> Reference<'m> {
         let mut sum = 0.0;
         for index in order {
             let pair = &mut pairs[index];
+            if self.is_cancelled() {
+                return false;
+            }
             if pair.hits == 0 {
                 // Looked at before.
                 continue;
@@ -610,7 +637,7 @@ impl<'m> Reference<'m> {
                     continue;
                 }
                 let extra = whole::to_u64(extra).min(left / BATCHES as u64);
-                if extra == 0 {
+                if extra == 0 || self.is_cancelled() {
                     return false;
                 }
                 left -= extra * BATCHES as u64;

@@ -502,6 +502,7 @@ fn threads_change_nothing_and_a_sample_estimates_the_whole() {
                 seed: 9,
                 threads,
                 surfaces_max,
+                ..DiagnoseOptions::default()
             },
         )
     };

@@ -55,8 +55,13 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`read_regular`]; [`io::ErrorKind::InvalidData`] where it is not UTF-8.
 pub fn read_regular_text(path: &Path) -> io::Result<String> {
-    String::from_utf8(read_regular(path)?)
-        .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is no text in UTF-8"))
+    let invalid = |reason| io::Error::new(io::ErrorKind::InvalidData, reason);
+    let bytes = read_regular(path)?;
+    // With a mark, or with every second byte 0.
+    if matches!(bytes[..], [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] | [0, _, ..] | [_, 0, ..]) {
+        return Err(invalid("it is UTF-16 text; save it as UTF-8"));
+    }
+    String::from_utf8(bytes).map_err(|_| invalid("it is no text in UTF-8"))
 }
 
 /// Opens a file named by a scene, if it lies in the scene's folder or beneath it once all links are followed. A scene

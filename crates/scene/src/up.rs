@@ -7,8 +7,8 @@
 //!           and 1 − (n·e)² for a wall. At least 0.6 along one axis, and 0.2 less along the others
 //! uprights  Σ A [n·e < 0.15 or n·e > 0.985] / Σ A: walls stand in many directions and only along e are they upright
 //!           and floors level. At least 0.85 along one axis, 0.15 of it level, and 0.2 less along the others
-//! open      (Σ A n·e) / Σ A at least 0.1 and four times that of the others', the extent along e at most half of the
-//!           others': ground and roofs without undersides
+//! open      |Σ A n·e| / Σ A at least 0.1 and four times that of the others', the extent along e at most half of the
+//!           others': ground and roofs without undersides, whichever way they are wound
 //! ```
 //!
 //! Two that contradict each other find nothing. What is not found is a guess, which only [`crate::survey`] tells.
@@ -195,14 +195,15 @@ impl Sums {
     }
 
     fn by_open_side(&self, extent: DVec3) -> Option<(usize, String)> {
-        let [net, extent] = [(self.net / self.area).to_array(), extent.to_array()];
+        let [net, extent] = [(self.net / self.area).abs().to_array(), extent.to_array()];
         let place = (0..3).max_by(|&a, &b| net[a].total_cmp(&net[b]))?;
         let others = (0..3).filter(|&other| other != place);
         let is_flat = others.clone().all(|other| extent[place] <= 0.5 * extent[other]);
-        let is_open = net[place] >= 0.1 && others.clone().all(|other| 4.0 * net[other].abs() <= net[place]);
+        let is_open = net[place] >= 0.1 && others.clone().all(|other| 4.0 * net[other] <= net[place]);
         let reason = format!(
-            "found: the scene is flattest along {letter}, and fronts face {letter} without counterparts",
-            letter = LETTERS[place]
+            "found: the scene is flattest along {letter}, and fronts face {sign}{letter} without counterparts",
+            letter = LETTERS[place],
+            sign = if self.net[place] < 0.0 { "−" } else { "" }
         );
         (is_flat && is_open).then_some((place, reason))
     }

@@ -576,7 +576,7 @@ struct Ending<'a> {
     arguments: &'a Arguments,
     prepared: &'a Prepared,
     watch: &'a Watch<'a>,
-    objects: &'a [u32],
+    objects: &'a enclosure::Objects,
     threads: usize,
     has_portals: bool,
 }

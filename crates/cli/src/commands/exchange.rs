@@ -120,7 +120,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let patches = store.patches()?;
     let file = arguments.materials.as_deref();
-    let properties = materials::read(store.manifest(), &patches, None, file, false)?;
+    let properties = materials::read(store.manifest(), &patches, None, file, false, talk)?;
     for note in properties.notes() {
         talk.warn(note);
     }

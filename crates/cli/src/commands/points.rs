@@ -288,7 +288,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     sensors.tell(arguments, talk);
     let heat = match (&store, &arguments.temperatures) {
         (Some((store, solution)), _) => Some(Heat::new(arguments, store, solution, &prepared)?),
-        (None, Some(path)) => Some(Heat::of_table(arguments, path, &prepared)?),
+        (None, Some(path)) => Some(Heat::of_table(arguments, path, &prepared, talk)?),
         (None, None) => None,
     };
     let groups = Groups::new(arguments.by, &prepared);

@@ -1,6 +1,6 @@
 //! `hemicube solve`: radiosity or thermal exchange from a matrix.
 
-mod heat;
+pub(crate) mod heat;
 mod surfaces;
 
 use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
@@ -313,7 +313,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require_matrix(&arguments.matrix.store)?;
     let store = Store::open(&arguments.matrix.store)?;
     if arguments.print_materials {
-        return print_materials(arguments, &store);
+        return print_materials(arguments, &store, talk);
     }
     require_up(arguments, &store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
@@ -446,9 +446,16 @@ fn require_up(arguments: &Arguments, store: &Store) -> Result<()> {
 }
 
 /// Prints the file of materials to begin with.
-fn print_materials(arguments: &Arguments, store: &Store) -> Result<Exit> {
+fn print_materials(arguments: &Arguments, store: &Store, talk: Talk) -> Result<Exit> {
     let (scene, file) = (arguments.scene.as_deref(), arguments.materials.as_deref());
-    let properties = materials::read(store.manifest(), &store.patches()?, scene, file, arguments.allow_large)?;
+    let properties = materials::read(
+        store.manifest(),
+        &store.patches()?,
+        scene,
+        file,
+        arguments.allow_large,
+        talk,
+    )?;
     report::print(&materials::file_of(&properties.by_object(), &arguments.matrix.store))?;
     Ok(Exit::Done)
 }
@@ -610,6 +617,7 @@ impl<'a> Task<'a> {
             arguments.scene.as_deref(),
             arguments.materials.as_deref(),
             arguments.allow_large,
+            talk,
         )?;
         for note in properties.notes() {
             talk.warn(note);

@@ -177,11 +177,15 @@ fn measure(
     // The reference tells settings finer than the recommended one apart, too.
     let finer = Tolerance(arguments.tolerance.0 * SHARE_TOLD_APART);
     let settings_of_reference = reference_settings(Some(finer), arguments.seed);
-    let reference = Reference::new(model, settings_of_reference).context("there is no reference to measure against")?;
+    let reference = Reference::new(model, settings_of_reference)
+        .context("there is no reference to measure against")?
+        .cancelled_by(cancel);
     let Some(exact) = trace(&reference, &rows, threads, cancel, talk)? else {
         return Ok(None);
     };
-    let (mut timings, skipped) = affordable(model, arguments, &rows, backend)?;
+    let Some((mut timings, skipped)) = affordable(model, arguments, &rows, backend, cancel)? else {
+        return Ok(None);
+    };
     if !time(&mut timings, model, arguments, cancel, talk)? {
         return Ok(None);
     }
@@ -246,13 +250,14 @@ fn trace(
     Ok((!cancel.load(Ordering::Relaxed)).then_some(exact))
 }
 
-/// Calibrates the settings with a nominal time within [`SECONDS_MOST`], and names the others.
+/// Calibrates the settings with a nominal time within [`SECONDS_MOST`], and names the others; `None` where interrupted.
 fn affordable(
     model: &Model,
     arguments: &Arguments,
     rows: &[InputPatch],
     backend: &mut dyn HemicubeBackend,
-) -> Result<(Vec<Timed>, Vec<Skipped>)> {
+    cancel: &AtomicBool,
+) -> Result<Option<(Vec<Timed>, Vec<Skipped>)>> {
     let threads = arguments.engine.thread_count();
     let (triangles, seen) = probe(model, rows, backend)?;
     let (mut timings, mut skipped) = (Vec::new(), Vec::new());
@@ -264,7 +269,11 @@ fn affordable(
                 nominal_seconds,
             });
         } else {
-            let (correction, resolution) = setting.settle(model, backend, threads)?;
+            let settled = setting.settle(model, backend, threads, cancel);
+            if cancel.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let (correction, resolution) = settled?;
             timings.push(Timed {
                 setting: Setting { resolution, ..setting },
                 plan: plan_of(model, arguments, setting.samples_per_edge, correction),
@@ -274,7 +283,7 @@ fn affordable(
             });
         }
     }
-    Ok((timings, skipped))
+    Ok(Some((timings, skipped)))
 }
 
 /// Times all settings once, then all again: other load of the machine hits them alike. Returns false where interrupted.
@@ -289,10 +298,11 @@ fn time(timings: &mut [Timed], model: &Model, arguments: &Arguments, cancel: &At
     for _ in 0..REPEATS {
         for timed in &mut *timings {
             if timed.repeats == 0 || timed.seconds() < SECONDS_ONCE {
-                timed.run(model, &arguments.engine, cancel)?;
-            }
-            if cancel.load(Ordering::Relaxed) {
-                return Ok(false);
+                let ran = timed.run(model, &arguments.engine, cancel);
+                if cancel.load(Ordering::Relaxed) {
+                    return Ok(false);
+                }
+                ran?;
             }
             done += 1;
             bar.show(Progress {

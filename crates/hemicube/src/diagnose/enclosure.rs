@@ -10,21 +10,25 @@
 //!      + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
 //! ```
 //!
-//! over the weight of all rays. Escaping rays count only if every group of the scene sees no front, or only its own:
+//! over the weight of all rays. What is turned are units: the surfaces of an object that join in edges which two of them
+//! run through in opposite ways, so that a building in a city of one object, or a wall in a room of one, is found alone.
+//!
+//! Escaping rays count only if every group of the scene sees no front, or only its own, and backs in sight do not tell:
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
-//! those), and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
+//! those), a ground that faces down, and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
 //! space, and all must see more fronts than before, and fewer than backs unless they see nothing: a room turned
 //! outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
+use super::units::{Unit, Units};
 use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
 use crate::Model;
 use crate::bvh::Tree;
 use crate::frame;
 use glam::DVec3;
-use hemicube_scene::{InputPatch, Side};
+use hemicube_scene::{Axis, InputPatch, Side};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -45,6 +49,18 @@ const ITSELF: f64 = 0.9;
 /// more than this is backs: the rest may be a floor that it stands on.
 const INSIDE: f64 = 0.5;
 const INSIDE_BACKS: f64 = 0.1;
+/// An inside that others' backs stand in: what it sees of itself and of backs is at least `INSIDE`. Its other side is in
+/// the open if at least this share of its view is not backs; zones of a building see the backs of the facade.
+const IN_THE_OPEN: f64 = 0.4;
+/// A ground that faces down: this share of its area does, on balance; so much of its view escapes; the other side sees
+/// at least this share of fronts and sky; and it spans these shares of the scene along the level axes.
+const DOWN: f64 = 0.7;
+const SEES_NOTHING: f64 = 0.7;
+const OPEN_ABOVE: f64 = 0.1;
+const SPAN: [f64; 2] = [0.25, 0.5];
+/// A roof in an open scene: faces up by this share of its area, and so much of its view is sky.
+const UP: f64 = 0.3;
+const SKY: f64 = 0.7;
 /// Others see an object's back if at least this share of the rays that meet it do.
 const BACKS: f64 = 0.8;
 /// Weight, and rays, that a turn must save.
@@ -73,6 +89,21 @@ pub enum Turn {
     InsideOut,
     /// Some objects.
     Objects,
+    /// The ground, which faces down.
+    Ground,
+    /// Everything in an open scene: the ground faces down, and what stands on it inwards.
+    Everything,
+}
+
+/// Surfaces of an object that join, where other surfaces of it face the right way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Part {
+    /// The object, by index.
+    pub object: u32,
+    /// The least coordinates.
+    pub low: [f64; 3],
+    /// The greatest.
+    pub high: [f64; 3],
 }
 
 /// Objects that face the wrong way.
@@ -82,6 +113,8 @@ pub struct Winding {
     pub turn: Turn,
     /// The objects to turn, by index, ascending; for [`Turn::All`] all that have a back.
     pub objects: Vec<u32>,
+    /// What is to be turned of objects that otherwise face the right way.
+    pub parts: Vec<Part>,
     /// Share of all views that ends on their backs, or is lost by their facing out.
     pub lost: f64,
 }
@@ -177,7 +210,9 @@ struct Sample {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn enclosure(model: &Model, object: impl Fn(InputPatch) -> u32 + Sync, options: DiagnoseOptions) -> Enclosure {
-    let sample = sample(model, &object, options);
+    let units = Units::of(model, &object);
+    let unit = |patch| units.of_triangle(model.patches().triangle(patch));
+    let sample = sample(model, &unit, options);
     let mut found = Enclosure::default();
     for (kind, count) in sample.counts.iter().filter(|(kind, _)| !kind.turned) {
         found.rays += count.rays;
@@ -191,9 +226,11 @@ pub fn enclosure(model: &Model, object: impl Fn(InputPatch) -> u32 + Sync, optio
     if whole <= 0.0 {
         return found;
     }
-    let groups = groups(model, &object);
-    (found.winding, found.apart) = windings(&sample.counts, &groups, whole);
-    let turned: BTreeSet<u32> = found.winding.iter().flat_map(|w| w.objects.iter().copied()).collect();
+    let groups = groups(model, &units, &unit);
+    let turns;
+    (turns, found.apart) = windings(&sample.counts, &groups, &units, options.up, whole);
+    let turned: BTreeSet<u32> = turns.iter().flat_map(|turn| turn.units.iter().copied()).collect();
+    found.winding = turns.into_iter().map(|turn| turn.of_objects(&units)).collect();
     let escaping: f64 = sample
         .counts
         .iter()
@@ -294,13 +331,13 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
 }
 
 /// A position, in steps of [`WELD`].
-fn welded(model: &Model, corner: DVec3) -> [i64; 3] {
+pub(super) fn welded(model: &Model, corner: DVec3) -> [i64; 3] {
     #[allow(clippy::cast_possible_truncation, reason = "normalised coordinates are about 1")]
     (model.normalise(corner) / WELD).round().to_array().map(|c| c as i64)
 }
 
-/// The group of each object: objects that share corners, by the least of their indices.
-fn groups(model: &Model, object: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u32> {
+/// The group of each unit: units that share corners, by the least of their indices. A closed one is a group alone.
+fn groups(model: &Model, units: &Units, unit: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u32> {
     fn root(parent: &mut BTreeMap<u32, u32>, of: u32) -> u32 {
         let mut at = of;
         while let Some(&up) = parent.get(&at)
@@ -314,8 +351,11 @@ fn groups(model: &Model, object: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u
     let mut parent: BTreeMap<u32, u32> = BTreeMap::new();
     let mut owner: HashMap<[i64; 3], u32> = HashMap::new();
     for surface in &model.geometry().surfaces {
-        let own = object(surface.front);
+        let own = unit(surface.front);
         parent.entry(own).or_insert(own);
+        if units.get(own).is_closed {
+            continue;
+        }
         for corner in model.patches().corners(surface.front) {
             let first = *owner.entry(welded(model, corner)).or_insert(own);
             if first != own {
@@ -324,12 +364,12 @@ fn groups(model: &Model, object: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u
             }
         }
     }
-    let objects: Vec<u32> = parent.keys().copied().collect();
-    objects.into_iter().map(|of| (of, root(&mut parent, of))).collect()
+    let all: Vec<u32> = parent.keys().copied().collect();
+    all.into_iter().map(|of| (of, root(&mut parent, of))).collect()
 }
 
 /// The view of a group of objects from its active side, and the views of it.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Sight {
     own: f64,
     others: f64,
@@ -340,6 +380,8 @@ struct Sight {
     hidden_escaped: f64,
     /// Fronts of others that see its backs.
     hidden_met: f64,
+    /// Backs that its other side sees, by group.
+    hidden_backs: BTreeMap<u32, f64>,
     /// By others, front and back.
     met: [f64; 2],
 }
@@ -356,10 +398,25 @@ impl Sight {
 
     /// Returns whether it faces a closed inside, and others see its backs.
     fn is_inside_out(&self) -> bool {
-        self.met[1] + self.hidden_met > 0.0
+        let is_inside = self.met[1] + self.hidden_met > 0.0
             && self.own >= INSIDE * self.view()
-            && self.escaped <= BLIND * self.view()
-            && self.backs <= INSIDE_BACKS * self.view()
+            && self.backs <= INSIDE_BACKS * self.view();
+        // Where things stand in it, it sees their backs.
+        let is_around = self.met[1] > BACKS * (self.met[0] + self.met[1])
+            && self.own > 0.0
+            && self.own + self.backs >= INSIDE * self.view();
+        self.escaped <= BLIND * self.view() && (is_inside || is_around)
+    }
+
+    /// Returns whether its other side sees fronts, sky, and the backs of `others` rather than further backs.
+    fn is_in_the_open(&self, others: &BTreeSet<u32>) -> bool {
+        let backs: f64 = self
+            .hidden_backs
+            .iter()
+            .filter(|(group, _)| others.contains(group))
+            .map(|(_, weight)| weight)
+            .sum();
+        self.hidden_escaped + self.hidden_met + backs >= IN_THE_OPEN * self.hidden
     }
 }
 
@@ -368,6 +425,8 @@ struct Rays<'a> {
     /// Entries with an object.
     of: BTreeMap<u32, Vec<usize>>,
     groups: &'a BTreeMap<u32, u32>,
+    units: &'a Units,
+    up: Option<DVec3>,
     whole: f64,
 }
 
@@ -385,7 +444,10 @@ impl Rays<'_> {
     }
 
     fn sights(&self, turned: &BTreeSet<u32>) -> BTreeMap<u32, Sight> {
-        let group = |object: u32| self.groups.get(&object).copied().unwrap_or(NONE);
+        self.sights_by(turned, |unit| self.groups.get(&unit).copied().unwrap_or(NONE))
+    }
+
+    fn sights_by(&self, turned: &BTreeSet<u32>, group: impl Fn(u32) -> u32) -> BTreeMap<u32, Sight> {
         let mut sights: BTreeMap<u32, Sight> = BTreeMap::new();
         for &(kind, Count { weight, .. }) in &self.list {
             let from = group(kind.from);
@@ -411,6 +473,7 @@ impl Rays<'_> {
                 match to {
                     None => sight.hidden_escaped += weight,
                     Some(to) if to != from && !back => sight.hidden_met += weight,
+                    Some(to) if back => *sight.hidden_backs.entry(to).or_default() += weight,
                     Some(_) => {}
                 }
             }
@@ -485,6 +548,164 @@ impl Rays<'_> {
         met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
     }
 
+    /// Returns whether these face up and see nothing but sky, in a scene that is open anyway: a roof on posts, a canopy, a
+    /// solar panel. Their undersides see what they shade, and a roof's its attic.
+    fn is_roof(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, after: &BTreeSet<u32>) -> bool {
+        let Some(up) = self.up else { return false };
+        let (mut net, mut area) = (0.0, 0.0);
+        for &unit in objects {
+            net += self.units.get(unit).net.dot(up);
+            area += self.units.get(unit).area;
+        }
+        if net < UP * area {
+            return false;
+        }
+        // All of a view, and what escapes of it: theirs, and everyone's.
+        let (mut own, mut whole) = ([0.0; 2], [0.0; 2]);
+        for &(kind, Count { weight, .. }) in &self.list {
+            let sky = if kind.to == To::Nothing { weight } else { 0.0 };
+            if objects.contains(&kind.from) && Self::is_active(kind, turned) {
+                own[0] += weight;
+                own[1] += sky;
+            }
+            if Self::is_active(kind, after) {
+                whole[0] += weight;
+                whole[1] += sky;
+            }
+        }
+        own[1] >= SKY * own[0] && whole[1] > ESCAPED_MAX * whole[0]
+    }
+
+    /// Units that are the ground and face down: they see nothing, lie below all else, and span the scene.
+    fn ground(&self, turned: &BTreeSet<u32>) -> BTreeSet<u32> {
+        let Some(up) = self.up else { return BTreeSet::new() };
+        let sights = self.sights_by(turned, |unit| unit);
+        let faces_down = |unit: &Unit| !unit.is_closed && unit.net.dot(up) <= -DOWN * unit.area;
+        let found: BTreeSet<u32> = sights
+            .iter()
+            .filter(|(unit, sight)| {
+                !turned.contains(unit)
+                    && faces_down(self.units.get(**unit))
+                    && sight.escaped >= SEES_NOTHING * sight.view()
+                    && sight.hidden > 0.0
+                    && sight.hidden_escaped + sight.hidden_met >= OPEN_ABOVE * sight.hidden
+            })
+            .map(|(&unit, _)| unit)
+            .collect();
+        // The boxes, areas and moments of these and of the others.
+        let mut sums = [(DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0, 0.0); 2];
+        for (number, unit) in self.units.iter() {
+            let (low, high, area, height) = &mut sums[usize::from(found.contains(&number))];
+            *low = low.min(unit.low);
+            *high = high.max(unit.high);
+            *area += unit.area;
+            *height += unit.moment.dot(up);
+        }
+        let [others, own] = sums;
+        let extent = own.1 - own.0;
+        let all = own.1.max(others.1) - own.0.min(others.0);
+        let level = || (0..3).filter(|&axis| up[axis].abs() < 0.5);
+        let spans = level().all(|axis| extent[axis] >= SPAN[0] * all[axis])
+            && level().any(|axis| extent[axis] >= SPAN[1] * all[axis]);
+        let is_below = others.2 == 0.0 || own.3 * others.2 <= others.3 * own.2;
+        if !found.is_empty() && spans && is_below {
+            found
+        } else {
+            BTreeSet::new()
+        }
+    }
+
+    /// Share of all views that would meet others, if everything is to be turned round: the ground faces down, and what
+    /// stands on it faces its own inside or nothing.
+    fn everything(&self, all: &BTreeSet<u32>) -> Option<f64> {
+        let none = BTreeSet::new();
+        let ground = self.ground(&none);
+        if ground.is_empty() || self.list.iter().any(|(kind, _)| kind.from == NONE) {
+            return None;
+        }
+        let sights = self.sights(&none);
+        // What faces up and sees the sky is right.
+        let mut net: BTreeMap<u32, f64> = BTreeMap::new();
+        for (number, unit) in self.units.iter().filter(|(number, _)| !ground.contains(number)) {
+            let group = self.groups.get(&number).copied().unwrap_or(NONE);
+            *net.entry(group).or_default() += unit.net.dot(self.up.unwrap_or_default());
+        }
+        let sees_no_other = |(group, sight): (&u32, &Sight)| {
+            let is_inside = sight.own >= INSIDE * sight.view() && sight.escaped <= OPEN * sight.view();
+            let is_up = net.get(group).is_some_and(|&net| net > 0.0);
+            is_inside || (sight.escaped >= SEES_NOTHING * sight.view() && !is_up)
+        };
+        if !sights.iter().all(sees_no_other) {
+            return None;
+        }
+        let others = |turned| self.sights(turned).values().map(|sight| sight.others).sum::<f64>();
+        let (before, after) = (others(&none), others(all));
+        let loss = self.lost(all, all, &none).0 - self.lost(all, &none, &none).0;
+        // Where solids stand, the ground sees their backs once all is turned. A sheet alone tells nothing.
+        (after - before > loss.max(0.0) + WORTH * self.whole).then_some((after - before) / self.whole)
+    }
+
+    /// Groups that show their insides.
+    fn inside_out(&self, turned: &BTreeSet<u32>, members: &BTreeMap<u32, BTreeSet<u32>>) -> InsideOut {
+        let sights = self.sights(turned);
+        let mut groups: BTreeSet<u32> = sights
+            .iter()
+            .filter(|(group, sight)| {
+                sight.is_inside_out() && members.get(group).is_some_and(|units| units.is_disjoint(turned))
+            })
+            .map(|(&group, _)| group)
+            .collect();
+        loop {
+            let kept: BTreeSet<u32> = groups
+                .iter()
+                .copied()
+                .filter(|group| sights[group].is_in_the_open(&groups))
+                .collect();
+            if kept.len() == groups.len() {
+                break;
+            }
+            groups = kept;
+        }
+        InsideOut {
+            units: groups
+                .iter()
+                .filter_map(|group| members.get(group))
+                .flatten()
+                .copied()
+                .collect(),
+            backs: groups.iter().map(|group| sights[group].met[1]).sum(),
+        }
+    }
+
+    /// The turns that save most, one after the other; `blind` are the groups with escaping rays that count.
+    fn turns(&self, all: &BTreeSet<u32>, members: &BTreeMap<u32, BTreeSet<u32>>, blind: &BTreeSet<u32>) -> Vec<Turned> {
+        let mut candidates = candidates(self, all, members);
+        let fixed = candidates.len();
+        let mut found: Vec<Turned> = Vec::new();
+        let mut turned = BTreeSet::new();
+        while found.len() < TURNS_MAX {
+            let inside_out = self.inside_out(&turned, members);
+            candidates.truncate(fixed);
+            candidates.push((Turn::InsideOut, inside_out.units));
+            candidates.push((Turn::Ground, self.ground(&turned)));
+            candidates.push((Turn::All, all.clone()));
+            let Some((saved, turn, units)) = self.best_turn(&candidates, &turned, blind, inside_out.backs) else {
+                break;
+            };
+            found.push(Turned {
+                turn: match turn {
+                    _ if units.len() == all.len() && !blind.is_empty() => Turn::All,
+                    Turn::All => Turn::Objects,
+                    turn => turn,
+                },
+                units: units.clone(),
+                lost: saved / self.whole,
+            });
+            turned.extend(units.iter().copied());
+        }
+        found
+    }
+
     /// The candidate that saves most weight once `turned` are turned, with that weight; `backs` is saved by those
     /// inside out.
     fn best_turn<'c>(
@@ -496,12 +717,16 @@ impl Rays<'_> {
     ) -> Option<(f64, Turn, &'c BTreeSet<u32>)> {
         let mut best: Option<(f64, Turn, &BTreeSet<u32>)> = None;
         for (turn, objects) in candidates {
-            if !objects.is_disjoint(turned) {
+            if objects.is_empty() || !objects.is_disjoint(turned) {
+                continue;
+            }
+            // No turn saves more than is lost. Few candidates lose so much, and unions of large sets take long.
+            let (before, rays_before) = self.lost(objects, turned, blind);
+            if *turn != Turn::InsideOut && before <= WORTH * self.whole {
                 continue;
             }
             let after: BTreeSet<u32> = turned.union(objects).copied().collect();
-            let ((before, rays_before), (rest, rays_rest)) =
-                (self.lost(objects, turned, blind), self.lost(objects, &after, blind));
+            let (rest, rays_rest) = self.lost(objects, &after, blind);
             // For objects inside out: the backs seen by others. A floor's view of their insides from below proves
             // nothing.
             let (saved, rays_saved) = if *turn == Turn::InsideOut {
@@ -510,11 +735,13 @@ impl Rays<'_> {
                 (before - rest, rays_before.saturating_sub(rays_rest))
             };
             let worth = saved > WORTH * self.whole && rays_saved >= WORTH_RAYS;
-            if worth
-                && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9))
-                && (*turn != Turn::Objects || self.faces_away(objects, turned))
-                && (*turn != Turn::All || self.is_better_turned(turned, &after, blind))
-            {
+            let turns_to_others = |turn| match turn {
+                Turn::Objects => self.faces_away(objects, turned) && !self.is_roof(objects, turned, &after),
+                Turn::All if blind.is_empty() && self.is_roof(objects, turned, &after) => false,
+                Turn::All => self.is_better_turned(turned, &after, blind),
+                _ => true,
+            };
+            if worth && best.is_none_or(|(most, ..)| saved > most * (1.0 + 1e-9)) && turns_to_others(*turn) {
                 best = Some((saved, *turn, objects));
             }
         }
@@ -522,45 +749,87 @@ impl Rays<'_> {
     }
 }
 
-/// Objects that show their insides, and the weight of rays of others that meet their backs.
+/// Units that show their insides, and the weight of rays of others that meet their backs.
 struct InsideOut {
-    objects: BTreeSet<u32>,
+    units: BTreeSet<u32>,
     backs: f64,
 }
 
-/// Sets of objects that may be turned: each object, each group, those inside out, all.
-fn candidates(
-    all: &BTreeSet<u32>,
-    members: &BTreeMap<u32, BTreeSet<u32>>,
-    inside_out: &InsideOut,
-) -> Vec<(Turn, BTreeSet<u32>)> {
-    let mut candidates: Vec<(Turn, BTreeSet<u32>)> = Vec::new();
-    candidates.extend(all.iter().map(|&object| (Turn::Objects, BTreeSet::from([object]))));
-    candidates.extend(
-        members
-            .values()
-            .filter(|of| of.len() > 1)
-            .map(|of| (Turn::Objects, of.clone())),
-    );
-    // All that can be turned are one candidate, whatever they are called.
-    candidates.retain(|(_, objects)| objects != all);
-    candidates.push((Turn::InsideOut, inside_out.objects.clone()));
-    candidates.push((Turn::All, all.clone()));
-    candidates.retain(|(_, objects)| !objects.is_empty());
-    candidates
+/// Units to turn.
+struct Turned {
+    turn: Turn,
+    units: BTreeSet<u32>,
+    lost: f64,
 }
 
-fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: f64) -> (Vec<Winding>, u64) {
+impl Turned {
+    /// Whole objects, and parts of the others.
+    fn of_objects(self, units: &Units) -> Winding {
+        let kept: BTreeSet<u32> = units
+            .iter()
+            .filter(|(unit, _)| !self.units.contains(unit))
+            .map(|(_, unit)| unit.object)
+            .collect();
+        let of = self.units.iter().map(|&unit| units.get(unit));
+        let (parts, whole): (Vec<&Unit>, Vec<&Unit>) = of.partition(|unit| kept.contains(&unit.object));
+        let objects: BTreeSet<u32> = whole.iter().map(|unit| unit.object).collect();
+        Winding {
+            turn: self.turn,
+            objects: objects.into_iter().collect(),
+            parts: parts
+                .into_iter()
+                .map(|unit| Part {
+                    object: unit.object,
+                    low: unit.low.to_array(),
+                    high: unit.high.to_array(),
+                })
+                .collect(),
+            lost: self.lost,
+        }
+    }
+}
+
+/// Sets of units that may be turned, whatever was turned before: each unit, object and group.
+fn candidates(
+    rays: &Rays<'_>,
+    all: &BTreeSet<u32>,
+    members: &BTreeMap<u32, BTreeSet<u32>>,
+) -> Vec<(Turn, BTreeSet<u32>)> {
+    let mut objects: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+    for &unit in all {
+        objects.entry(rays.units.get(unit).object).or_default().insert(unit);
+    }
+    let single = all.iter().map(|&unit| BTreeSet::from([unit]));
+    let several = objects
+        .values()
+        .chain(members.values())
+        .filter(|of| of.len() > 1)
+        .cloned();
+    // All that can be turned are one candidate, whatever they are called.
+    single
+        .chain(several)
+        .filter(|units| units != all)
+        .map(|units| (Turn::Objects, units))
+        .collect()
+}
+
+fn windings(
+    counts: &BTreeMap<Kind, Count>,
+    groups: &BTreeMap<u32, u32>,
+    units: &Units,
+    up: Option<Axis>,
+    whole: f64,
+) -> (Vec<Turned>, u64) {
     let list: Vec<(Kind, Count)> = counts.iter().map(|(&kind, &count)| (kind, count)).collect();
     let mut of: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (entry, (kind, _)) in list.iter().enumerate() {
         let to = match kind.to {
-            To::Front(object) | To::Back(object) => object,
+            To::Front(unit) | To::Back(unit) => unit,
             To::Nothing => NONE,
         };
-        for object in [kind.from, to] {
-            if object != NONE && of.get(&object).is_none_or(|entries| entries.last() != Some(&entry)) {
-                of.entry(object).or_default().push(entry);
+        for unit in [kind.from, to] {
+            if unit != NONE && of.get(&unit).is_none_or(|entries| entries.last() != Some(&entry)) {
+                of.entry(unit).or_default().push(entry);
             }
         }
     }
@@ -568,69 +837,56 @@ fn windings(counts: &BTreeMap<Kind, Count>, groups: &BTreeMap<u32, u32>, whole: 
         list,
         of,
         groups,
+        units,
+        up: up.map(|axis| match axis {
+            Axis::X => DVec3::X,
+            Axis::Y => DVec3::Y,
+            Axis::Z => DVec3::Z,
+        }),
         whole,
     };
-    // Objects with a back.
+    // Units with a back.
     let all: BTreeSet<u32> = rays
         .list
         .iter()
         .filter(|(kind, _)| kind.turned)
         .map(|(kind, _)| kind.from)
         .collect();
+    if let Some(lost) = rays.everything(&all) {
+        let turn = Turn::Everything;
+        return (vec![Turned { turn, units: all, lost }], 0);
+    }
     let mut members: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
-    for &object in &all {
+    for &unit in &all {
         members
-            .entry(groups.get(&object).copied().unwrap_or(object))
+            .entry(groups.get(&unit).copied().unwrap_or(unit))
             .or_default()
-            .insert(object);
+            .insert(unit);
     }
     let sights = rays.sights(&BTreeSet::new());
     let alone = members.len() == 1 && sights.len() == 1;
-    let chosen = |wanted: &dyn Fn(&Sight) -> bool| -> BTreeSet<u32> {
-        sights
-            .iter()
-            .filter(|(_, sight)| wanted(sight))
-            .map(|(&group, _)| group)
-            .collect()
-    };
     // In a model turned throughout, shells face nothing, and the things in them see themselves and their backs.
-    let blind = chosen(&|sight| sight.is_blind(alone));
+    let blind: BTreeSet<u32> = sights
+        .iter()
+        .filter(|(_, sight)| sight.is_blind(alone))
+        .map(|(&group, _)| group)
+        .collect();
     let all_outward = !blind.is_empty()
         && sights
             .values()
             .all(|sight| sight.is_blind(alone) || sight.own + sight.backs >= ITSELF * sight.view());
     let blind = if all_outward { blind } else { BTreeSet::new() };
-    let inside_out = chosen(&Sight::is_inside_out);
-    let union = |chosen: &BTreeSet<u32>| -> BTreeSet<u32> {
-        chosen
-            .iter()
-            .filter_map(|group| members.get(group))
-            .flatten()
-            .copied()
-            .collect()
-    };
-    let inside_out = InsideOut {
-        objects: union(&inside_out),
-        backs: inside_out.iter().map(|group| sights[group].met[1]).sum(),
-    };
-    let candidates = candidates(&all, &members, &inside_out);
-
-    let mut found: Vec<Winding> = Vec::new();
-    let mut turned = BTreeSet::new();
-    while found.len() < TURNS_MAX {
-        let Some((saved, turn, objects)) = rays.best_turn(&candidates, &turned, &blind, inside_out.backs) else {
-            break;
-        };
-        found.push(Winding {
-            turn: match turn {
-                _ if objects.len() == all.len() && all_outward => Turn::All,
-                Turn::All => Turn::Objects,
-                turn => turn,
-            },
-            objects: objects.iter().copied().collect(),
-            lost: saved / rays.whole,
-        });
-        turned.extend(objects.iter().copied());
+    // Where a room sees itself, what backs in sight tell comes first: a thick-walled room with a chair turned round in it
+    // is no model wound outwards, though its facade sees nothing.
+    let is_room = |sight: &Sight| sight.own >= INSIDE * sight.view() && sight.backs > WORTH * whole;
+    let mut found = rays.turns(&all, &members, &BTreeSet::new());
+    if all_outward && !sights.values().any(is_room) {
+        found = rays.turns(&all, &members, &blind);
+    } else if all_outward {
+        let turned: BTreeSet<u32> = found.iter().flat_map(|of| of.units.iter().copied()).collect();
+        if found.is_empty() || rays.lost(&all, &turned, &BTreeSet::new()).0 > WORTH * whole {
+            found = rays.turns(&all, &members, &blind);
+        }
     }
     let is_apart = |sight: &Sight| sight.view() > 0.0 && sight.own >= ITSELF * sight.view() && sight.met == [0.0; 2];
     let apart = if sights.len() > 1 && sights.values().all(is_apart) {

@@ -494,6 +494,10 @@ impl Reader {
     }
 
     fn read_library(&mut self, name: &str, text: &[u8]) {
+        let text = match crate::text::unmarked(text) {
+            Ok(text) => text,
+            Err(error) => return self.warn_of_library(name, &format!("it {error}")),
+        };
         let lines = self.library_lines(text);
         let materials = match tobj::load_mtl_buf(&mut lines.as_bytes()) {
             Ok((materials, _)) => materials,
@@ -527,7 +531,6 @@ impl Reader {
     /// gives up a whole library at one bad line, even of a kind unused here, and panics at a colour of fewer than three
     /// numbers.
     fn library_lines(&mut self, text: &[u8]) -> String {
-        let text = crate::text::unmarked(text).unwrap_or(text);
         let mut kept = String::new();
         let mut named = false;
         for line in (Lines { rest: text, number: 0 }) {

@@ -1,6 +1,8 @@
 //! Radiosities of a solution, or of black surfaces at given temperatures, for mean radiant temperatures.
 
 use super::Arguments;
+use crate::args::Talk;
+use crate::commands::solve::heat::{COLD, question_cold};
 use crate::exit::hinted;
 use crate::prepare::Prepared;
 use crate::report::{counted, require_matrix};
@@ -92,7 +94,7 @@ impl Heat {
 
     /// Of black surfaces at the temperatures of a table. What lies outside is NaN unless the options say how warm it
     /// is.
-    pub(super) fn of_table(arguments: &Arguments, path: &Path, prepared: &Prepared) -> Result<Self> {
+    pub(super) fn of_table(arguments: &Arguments, path: &Path, prepared: &Prepared, talk: Talk) -> Result<Self> {
         let table = read(path)?;
         let scene = &prepared.scene;
         let mut used = vec![false; table.len()];
@@ -137,6 +139,19 @@ impl Heat {
                 table[place].0
             );
         }
+        let mut cold: Vec<String> = table
+            .iter()
+            .filter(|(_, kelvin)| *kelvin < COLD)
+            .map(|(name, kelvin)| format!("{kelvin} K of `{name}`"))
+            .collect();
+        for (given, name) in [
+            (arguments.sky_temperature, "--sky-temperature"),
+            (arguments.ground_temperature, "--ground-temperature"),
+        ] {
+            let is_cold = |kelvin: &f64| *kelvin > 0.0 && *kelvin < COLD;
+            cold.extend(given.filter(is_cold).map(|kelvin| format!("{kelvin} K of `{name}`")));
+        }
+        question_cold(cold, talk);
         let sky = arguments.sky_temperature.unwrap_or(f64::NAN);
         let ground = arguments.ground_temperature.unwrap_or(sky);
         Ok(Self {

@@ -19,7 +19,7 @@ use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
 
 /// Temperatures below this, in kelvin, are asked about, and how many of them are named.
-const COLD: f64 = 100.0;
+pub(crate) const COLD: f64 = 100.0;
 const COLD_SHOWN: usize = 3;
 /// Surfaces named of a solution that did not converge.
 const UNSETTLED_SHOWN: usize = 3;
@@ -189,17 +189,7 @@ impl Exchange {
                 cold.push(format!("{} K of `{name}`", given.kelvin()));
             }
         }
-        let more = cold.len().saturating_sub(COLD_SHOWN);
-        cold.truncate(COLD_SHOWN);
-        if more > 0 {
-            cold.push(format!("{} more", count(more as u64)));
-        }
-        if !cold.is_empty() {
-            talk.warn(&format!(
-                "{}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
-                cold.join(", ")
-            ));
-        }
+        question_cold(cold, talk);
         let (mut escaped, mut area) = (0.0, 0.0);
         for (&share, &of) in rows.escaped.iter().zip(&table.area) {
             if !share.is_nan() {
@@ -385,4 +375,19 @@ fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Resul
         }
     };
     (0..escaped.len()).map(share).collect()
+}
+
+/// Asks whether these temperatures below [`COLD`], with what they are of, are degrees Celsius.
+pub(crate) fn question_cold(mut cold: Vec<String>, talk: Talk) {
+    let more = cold.len().saturating_sub(COLD_SHOWN);
+    cold.truncate(COLD_SHOWN);
+    if more > 0 {
+        cold.push(format!("{} more", count(more as u64)));
+    }
+    if !cold.is_empty() {
+        talk.warn(&format!(
+            "{}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
+            cold.join(", ")
+        ));
+    }
 }

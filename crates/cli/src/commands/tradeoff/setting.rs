@@ -8,6 +8,7 @@ use hemicube::Model;
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::HemicubeBackend;
 use hemicube::driver::compute::Selection;
+use std::sync::atomic::AtomicBool;
 
 /// Settings tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
 const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
@@ -46,6 +47,7 @@ impl Setting {
         model: &Model,
         backend: &mut dyn HemicubeBackend,
         threads: usize,
+        cancel: &AtomicBool,
     ) -> Result<(Correction, u32)> {
         match self.rung {
             Rung::Named(name) => Ok((correction(name), self.resolution)),
@@ -57,6 +59,7 @@ impl Setting {
                     Tolerance(tolerance),
                     backend,
                     threads,
+                    cancel,
                 )?;
                 Ok((Correction::Tolerance(settled.refinement), settled.resolution))
             }
