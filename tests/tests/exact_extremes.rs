@@ -302,7 +302,8 @@ fn a_plate_a_hair_above_a_floor() {
         [p(0., 0., 0.), p(0., 1., 0.), p(0., 1., 2.), p(0., 0., 2.)],
         [p(1., 0., 0.), p(1., 0., 2.), p(1., 1., 2.), p(1., 1., 0.)],
     ];
-    let open: f64 = walls.iter().map(|wall| between_polygons(&floor, wall)).sum();
+    // Four such walls have all that a ceiling above them has not.
+    let open = 0.5 * (1.0 - parallel_rectangles_apart([[0.0, 1.0]; 2], [[0.0, 1.0]; 2], 2.0));
     let mut tally = Tally::default();
     for height in [1e-5, 3e-5] {
         let plate = [
