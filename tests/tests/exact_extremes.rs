@@ -290,10 +290,10 @@ fn boxes_that_touch_keep_the_tolerance() {
     tally.finish("boxes that touch");
 }
 
-/// A floor between two walls, half of it under a plate a hair above it. What comes in under the plate's edge is what the
-/// edge hides from the other half, by symmetry, to the square of the height: the walls have half of what they have
-/// without it, and the strip between floor and plate. Points of a cell were all too far away from the edge: 5.9 bounds
-/// off at 10⁻⁶.
+/// A floor between two walls, half of it under a plate a hair above it. What comes in under the plate's edge is what
+/// the edge hides from the other half, by symmetry, to the square of the height: the walls have half of what they
+/// have without it, and the strip between floor and plate. Points of a cell were all too far away from the edge: 5.9
+/// bounds off at 10⁻⁶.
 #[test]
 fn a_plate_a_hair_above_a_floor() {
     let p = DVec3::new;
@@ -327,8 +327,8 @@ fn a_plate_a_hair_above_a_floor() {
     tally.finish("a plate above a floor");
 }
 
-/// A thin plate before a box, of which a wall has a seven hundredth of what it has without the box: its error is a share
-/// of what is seen, not of what there might be. It was 7 bounds off.
+/// A thin plate before a box, of which a wall has a seven hundredth of what it has without the box: its error is a
+/// share of what is seen, not of what there might be. It was 7 bounds off.
 #[test]
 fn a_pair_that_is_nearly_hidden_keeps_a_millionth_of_what_is_seen() {
     let boxes: [Block; 4] = [

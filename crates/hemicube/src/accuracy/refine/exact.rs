@@ -54,9 +54,9 @@ const GROWTH: usize = 4;
 /// Steps of exact visibility for the square of the number of occluders: of 100 points, each with a test of every shadow
 /// against every other. Measured, within a factor of three.
 const STEPS_OF_SHADOWS: u64 = 500;
-/// Number of occluders up to which no rays come first between near patches. A few of these rays have most of the weight,
-/// and may not have been drawn yet where all others agree: of a pair a hundredth as high as far apart, 4,096 did, and all
-/// of its factor was wrong.
+/// Number of occluders up to which no rays come first between near patches. A few of these rays have most of the
+/// weight, and may not have been drawn yet where all others agree: of a pair a hundredth as high as far apart, 4,096
+/// did, and all of its factor was wrong.
 const MOST_SHADOWS: u64 = 24;
 /// Share of the permitted error that rays may be expected to have: theirs is no bound.
 const RAYS_SHARE: f64 = 1.0 / 3.0;

@@ -1257,7 +1257,8 @@ impl OuterPlane<'_> {
 }
 
 impl NearEdge {
-    /// What points of a cell may miss beside the edge, and the line to cut it along; `None` where points lie near enough.
+    /// What points of a cell may miss beside the edge, and the line to cut it along; `None` where points lie near
+    /// enough.
     fn beside(&self, cell: &[DVec3; 3], normal: DVec3, missed: &Missed) -> Option<(f64, Straight)> {
         let [a, b] = self.ends;
         let height = |p: DVec3| normal.dot(p - cell[0]).abs();
