@@ -290,6 +290,78 @@ fn boxes_that_touch_keep_the_tolerance() {
     tally.finish("boxes that touch");
 }
 
+/// A floor between two walls, half of it under a plate a hair above it. What comes in under the plate's edge is what
+/// the edge hides from the other half, by symmetry, to the square of the height: the walls have half of what they
+/// have without it, and the strip between floor and plate. Points of a cell were all too far away from the edge: 5.9
+/// bounds off at 10⁻⁶.
+#[test]
+fn a_plate_a_hair_above_a_floor() {
+    let p = DVec3::new;
+    let floor = [p(0., 0., 0.), p(1., 0., 0.), p(1., 1., 0.), p(0., 1., 0.)];
+    let walls = [
+        [p(0., 0., 0.), p(0., 1., 0.), p(0., 1., 2.), p(0., 0., 2.)],
+        [p(1., 0., 0.), p(1., 0., 2.), p(1., 1., 2.), p(1., 1., 0.)],
+    ];
+    // Four such walls have all that a ceiling above them has not.
+    let open = 0.5 * (1.0 - parallel_rectangles_apart([[0.0, 1.0]; 2], [[0.0, 1.0]; 2], 2.0));
+    let mut tally = Tally::default();
+    for height in [1e-5, 3e-5] {
+        let plate = [
+            p(0.5, -1., height),
+            p(1., -1., height),
+            p(1., 2., height),
+            p(0.5, 2., height),
+        ];
+        let scene = scene_of([floor, walls[0], walls[1], plate].into_iter().flat_map(quad));
+        for (motion, tolerance) in [(AS_IT_IS, ASKED), (AS_IT_IS, 1e-6), (ROTATED, 1e-6)] {
+            let (model, found) = measured(scene.clone(), motion, tolerance);
+            let between = between_groups(&model, &found, &[0, 0, 1, 1, 1, 1, 2, 2]);
+            tally.hold(
+                || format!("{height} above, {}, at {tolerance}", motion.0),
+                between[0][1],
+                0.5 * (open + height),
+                bound(0.5 * open, tolerance),
+            );
+        }
+    }
+    tally.finish("a plate above a floor");
+}
+
+/// A thin plate before a box, of which a wall has a seven hundredth of what it has without the box: its error is a
+/// share of what is seen, not of what there might be. It was 7 bounds off.
+#[test]
+fn a_pair_that_is_nearly_hidden_keeps_a_millionth_of_what_is_seen() {
+    let boxes: [Block; 4] = [
+        [[4.366, 0.796, 0.0], [0.897, 0.545, 0.84]],
+        [[4.676, 1.043, 0.84], [1.191, 0.945, 0.986]],
+        [[4.675, 0.992, 0.84], [0.884, 0.01, 0.517]],
+        [[4.894, 1.47, 1.826], [1.101, 0.475, 1.075]],
+    ];
+    let p = DVec3::new;
+    let pair = [
+        [p(4.675, 1.002, 0.84), p(5.559, 1.002, 1.357), p(5.559, 1.002, 0.84)],
+        [p(0.0, 5.0, 0.0), p(6.0, 5.0, 0.0), p(6.0, 5.0, 3.0)],
+    ];
+    let plates = boxes[..2].iter().flat_map(|&[low, size]| {
+        let [low, size] = [low, size].map(DVec3::from_array);
+        let faces = box_inside(DVec3::ONE).into_iter();
+        faces.map(move |face| flipped(face).map(|p| low + p * size).to_vec())
+    });
+    let plates: Vec<_> = plates.collect();
+    let (exact, error) = Obstructed {
+        emitter: &pair[0],
+        receiver: &pair[1],
+        plates: &plates,
+    }
+    .factor(1e-9);
+    let (_, found) = measured(room_with(&boxes), ROTATED, 1e-6);
+    let mut tally = Tally::default();
+    // The last triangle of the third box, and one of the wall at y = 5.
+    let factor = found.get(InputPatch(47), InputPatch(10));
+    tally.hold(|| "47 to 10".to_owned(), factor, exact, bound(exact, 1e-6) + error);
+    tally.finish("a pair that is nearly hidden");
+}
+
 /// Boxes of a room of 6 × 5 × 3 that float in it, apart from each other: their lowest corners and sizes.
 fn boxes() -> impl Strategy<Value = Vec<[DVec3; 2]>> {
     let coordinate = |low: i32, high: i32| (low..high).prop_map(|n| f64::from(n) / 1e3);
@@ -418,8 +490,31 @@ fn edges_that_pass_each_other_on_a_curve_keep_a_millionth() {
     assert!(worst <= 1.0, "{worst}");
 }
 
-/// Twelve rooms of boxes in touch: one pair of ten thousand at most is off by more than its bound, and by ten bounds
-/// at most (docs/accuracy.md, *Short of the bound*).
+/// Plates a hundredth high, and one as thin: a wide patch at a grazing angle sends and receives nearly all at its far
+/// end, and few rays are drawn there. All that were agreed, and factors were 31 and 72 bounds off.
+#[test]
+fn grazing_plates_keep_their_tolerance() {
+    let rooms: [[Block; 3]; 2] = [
+        [
+            [[1.819, 1.576, 0.0], [0.89, 0.406, 0.01]],
+            [[1.346, 0.55, 0.01], [0.863, 1.279, 0.928]],
+            [[2.209, 0.62, 0.01], [0.795, 0.01, 0.786]],
+        ],
+        [
+            [[0.436, 3.302, 0.0], [0.79, 1.154, 0.01]],
+            [[0.405, 4.456, 0.0], [0.735, 0.01, 0.705]],
+            [[0.981, 3.147, 0.01], [1.216, 0.931, 0.894]],
+        ],
+    ];
+    for boxes in rooms {
+        let scene = room_with(&boxes);
+        let (_, finest) = measured(scene.clone(), ROTATED, 1e-7);
+        let worst = bounds_off(&scene, (&finest, ASKED)).into_iter().fold(0.0, f64::max);
+        assert!(worst <= 1.0, "{worst}: {boxes:?}");
+    }
+}
+
+/// Twelve rooms of boxes in touch: no pair is off by more than its bound.
 #[test]
 #[ignore = "takes minutes: rooms at 10⁻⁷"]
 fn rooms_with_boxes_in_touch_keep_a_millionth() {
@@ -438,11 +533,7 @@ fn rooms_with_boxes_in_touch_keep_a_millionth() {
             all.extend(off);
         }
     }
-    let beyond = all.iter().filter(|&&off| off > 1.0).count();
     let worst = all.iter().copied().fold(0.0, f64::max);
-    say(&format!(
-        "{beyond} of {} beyond their bounds, {worst:.2} at most",
-        all.len()
-    ));
-    assert!(beyond * 10_000 <= all.len() && worst <= 10.0);
+    say(&format!("{} pairs, at most {worst:.2} bounds off", all.len()));
+    assert!(worst <= 1.0, "{worst}");
 }

@@ -68,6 +68,11 @@ const POINTS: usize = 22;
 /// the corner's nearest point, up to 0.05 along an edge, and there what a function has that grows from 0 in a line is a
 /// third to a half.
 const AT_CORNER: f64 = 0.01;
+/// Distance of an edge from a cell, in parts of the cell's extent beside it, below which points may all be too far
+/// away to see what is next to it. A choice: the nearest points are some 0.03 away.
+const NEXT_TO: f64 = 0.02;
+/// Slope of an edge up to which it runs along the outer plane. Steeper ones pass it at one place.
+const LEVEL: f64 = 0.1;
 /// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
 const MOST_FACES: usize = 6;
 /// In place of a body.
@@ -79,12 +84,29 @@ const MOST_DEPTH: u32 = 60;
 
 type Shape = geometry::Polygon<MOST_CORNERS>;
 
+/// A straight line in the outer plane: n · x − `offset` is the distance from it.
+#[derive(Clone, Copy, Debug)]
+struct Straight {
+    normal: DVec3,
+    offset: f64,
+}
+
+/// An edge that runs along the outer plane at a small height, of an occluder or of the target.
+///
+/// At a distance s beside it, the edge at a height z covers or bares a band of elevations up to z / s, of the factor
+/// r / 2 (z / s)², r that for each radian of a band's width: all of F° next to the edge, and next to nothing where
+/// points are, if these are farther away.
+#[derive(Clone, Copy, Debug)]
+struct NearEdge {
+    ends: [DVec3; 2],
+    /// The occluder; `None` for an edge of the target.
+    of: Option<u32>,
+}
+
 /// A line on which the blocked factor is not analytic.
 #[derive(Clone, Copy, Debug)]
 struct Line {
-    /// n · x − `offset`, in the outer plane the distance from the line.
-    normal: DVec3,
-    offset: f64,
+    straight: Straight,
     /// `None` for the plane of an occluder.
     event: Option<Event>,
     /// The occluders that it is of; the same twice if it is of one.
@@ -152,11 +174,13 @@ struct Cell {
     difference: f64,
     /// What the corners of the cell, where no point of a rule lies, may have other than its points say.
     at_corners: f64,
+    /// What may have been missed beside an edge so near that no point of a rule lies next to it.
+    at_edges: f64,
     /// Error bound of `value`.
     error: f64,
     depth: u32,
     /// The line beyond which most may have been missed.
-    worst: Option<u32>,
+    worst: Option<Straight>,
     /// Order of creation: between equal errors it decides.
     number: u32,
 }
@@ -194,10 +218,19 @@ pub(crate) struct BlockedExchange {
 pub(crate) struct Bound {
     /// Unoccluded exchange area.
     pub(crate) unoccluded: f64,
-    /// Error of the exchange area at which the measurement ends.
-    pub(crate) enough: f64,
+    /// Error at which the measurement ends, in parts of the visible exchange area.
+    pub(crate) share: f64,
+    /// Exchange area below which the error is in parts of this instead.
+    pub(crate) least: f64,
     /// Number of points at which it ends, about, times the square of the number of occluders and one.
     pub(crate) most_points: usize,
+}
+
+impl Bound {
+    /// The error at which a measurement ends that found so much blocked.
+    pub(crate) fn enough(&self, blocked: f64) -> f64 {
+        self.share * (self.unoccluded - blocked).max(self.least)
+    }
 }
 
 /// Measures blocked exchange areas, one pair after the other.
@@ -224,6 +257,8 @@ pub(crate) struct CriticalCells {
     /// The number of each occluder's first edge, and of its first corner.
     first_edge: Vec<usize>,
     lines: Vec<Line>,
+    /// Edges close to the outer plane.
+    near_edges: Vec<NearEdge>,
     /// True if lines were left out, by [`MOST_CROSSED`] or [`MOST_LINES`].
     is_incomplete: bool,
     /// Indices of occluders and of lines: each cell has a run of either.
@@ -293,13 +328,14 @@ impl CriticalCells {
         }
         self.find_joints();
         self.find_lines(target.corners(), sides.outer, sides.outer_normal, tolerance);
+        self.find_near_edges(target.corners(), sides.outer, sides.outer_normal, tolerance);
         let view = View {
             target: target.corners(),
             middle: target.corners().iter().sum::<DVec3>() / target.len() as f64,
             bodies,
             origin: pair.origin,
             inner: sides.inner,
-            enough: 1e-3 * bound.enough,
+            enough: 1e-3 * bound.share * bound.least.min(bound.unoccluded),
         };
         self.relevant.clear();
         self.crossing.clear();
@@ -327,21 +363,28 @@ impl CriticalCells {
                 self.add([fan[0], fan[k], fan[k + 1]], (&root.0, &root.1), 0, &view, &mut cells)?;
             }
         }
-        let found = self.refine(cells, &view, bound)?;
+        let found = self.refine(cells, fixed, &view, bound)?;
         // Shadows' edges are off by as much, of a triangle so large.
         let size = geometry::area(sides.outer).min(geometry::area(sides.inner)).sqrt();
         Some(BlockedExchange {
-            exchange: found.exchange + fixed,
+            exchange: found.exchange,
             error: found.error + (UNEVEN * self.unevenness / size).min(1.0) * bound.unoccluded,
             points: found.points,
         })
     }
 
     /// Cuts the worst cells until the sum of all errors is small enough.
-    fn refine(&mut self, mut cells: BinaryHeap<Cell>, view: &View<'_>, bound: Bound) -> Option<BlockedExchange> {
+    fn refine(
+        &mut self,
+        mut cells: BinaryHeap<Cell>,
+        fixed: f64,
+        view: &View<'_>,
+        bound: Bound,
+    ) -> Option<BlockedExchange> {
         let mut error: f64 = cells.iter().map(|cell| cell.error).sum();
+        let mut blocked: f64 = cells.iter().map(|cell| cell.value).sum::<f64>() + fixed;
         let most_points = bound.most_points / (self.occluders.len() + 1).pow(2);
-        while error > bound.enough && self.points < most_points {
+        while error > bound.enough(blocked) && self.points < most_points {
             let Some(worst) = cells.pop() else { break };
             if worst.error <= 0.0 || worst.depth >= MOST_DEPTH {
                 cells.push(worst);
@@ -358,20 +401,23 @@ impl CriticalCells {
                 1.0
             };
             error -= worst.error;
+            blocked -= worst.value;
             for mut part in parts {
                 if part.lines.is_empty() {
-                    part.error = (part.error * fall).max(part.at_corners);
+                    part.error = (part.error * fall).max(part.at_corners).max(part.at_edges);
                 }
                 error += part.error;
+                blocked += part.value;
                 cells.push(part);
             }
-            if error <= bound.enough {
+            if error <= bound.enough(blocked) {
                 // Without the rounding of sums and differences.
                 error = cells.iter().map(|cell| cell.error).sum();
+                blocked = cells.iter().map(|cell| cell.value).sum::<f64>() + fixed;
             }
         }
         Some(BlockedExchange {
-            exchange: cells.iter().map(|cell| cell.value).sum(),
+            exchange: cells.iter().map(|cell| cell.value).sum::<f64>() + fixed,
             error: cells.iter().map(|cell| cell.error).sum(),
             points: self.points,
         })
@@ -526,6 +572,26 @@ impl CriticalCells {
         }
         self.is_incomplete = self.occluders.len() > MOST_CROSSED || !self.find_crossings(&plane, &mut lines);
         self.lines = lines;
+    }
+
+    /// Finds the edges that run along the outer plane at a small height.
+    fn find_near_edges(&mut self, target: &[DVec3], outer: &[DVec3; 3], normal: DVec3, tolerance: f64) {
+        self.near_edges.clear();
+        let longest = (0..3)
+            .map(|k| outer[k].distance(outer[(k + 1) % 3]))
+            .fold(0.0, f64::max);
+        let of_target = (0..target.len()).map(|k| (None, target[k], target[(k + 1) % target.len()]));
+        let of_occluders = (0u32..)
+            .zip(&self.occluders)
+            .flat_map(|(k, occluder)| occluder.outline.edges().map(move |(a, b)| (Some(k), a, b)));
+        for (of, a, b) in of_target.chain(of_occluders) {
+            let [low, high] = [a, b].map(|p| normal.dot(p - outer[0]));
+            let is_level = (high - low).abs() <= LEVEL * a.distance(b);
+            let is_above = low.abs().max(high.abs()) > 4.0 * tolerance;
+            if is_level && is_above && low.abs().min(high.abs()) < NEXT_TO * longest {
+                self.near_edges.push(NearEdge { ends: [a, b], of });
+            }
+        }
     }
 
     /// Finds the lines of an edge of one occluder and a corner of another. Returns whether they are all.
@@ -732,6 +798,7 @@ impl CriticalCells {
             value: 0.0,
             difference: 0.0,
             at_corners: 0.0,
+            at_edges: 0.0,
             error: 0.0,
             depth,
             worst: None,
@@ -759,7 +826,7 @@ impl CriticalCells {
             if !line.of.iter().all(|k| self.relevant[cell.relevant.clone()].contains(k)) {
                 continue;
             }
-            let heights = line.heights(&corners, self.beside);
+            let heights = line.straight.heights(&corners, self.beside);
             let Some((share, depth)) = beyond(heights) else {
                 continue;
             };
@@ -778,12 +845,24 @@ impl CriticalCells {
             if share * missed.whole > missed.most {
                 let most = missed.beyond(share, depth, self.distance_to(line, ends));
                 if most > missed.most {
-                    (missed.most, cell.worst) = (most, Some(index));
+                    (missed.most, cell.worst) = (most, Some(line.straight));
                 }
             }
             self.crossing.push(index);
         }
         cell.lines = first..self.crossing.len();
+        for edge in &self.near_edges {
+            let matters = |k: u32| self.relevant[cell.relevant.clone()].contains(&k);
+            if edge.of.is_none_or(matters)
+                && let Some((most, cut)) = edge.beside(&corners, self.shadows.normal, &missed)
+                && most > cell.at_edges
+            {
+                cell.at_edges = most;
+                if most > missed.most {
+                    (missed.most, cell.worst) = (most, Some(cut));
+                }
+            }
+        }
         if let Some(heights) = contact
             && depth < MOST_DEPTH
         {
@@ -832,7 +911,9 @@ impl CriticalCells {
     fn divide(&mut self, cell: &Cell, view: &View<'_>, out: &mut BinaryHeap<Cell>) -> Option<()> {
         let mut best: Option<([f64; 3], f64)> = None;
         for at in cell.lines.clone() {
-            let heights = self.lines[self.crossing[at] as usize].heights(&cell.corners, self.beside);
+            let heights = self.lines[self.crossing[at] as usize]
+                .straight
+                .heights(&cell.corners, self.beside);
             if let Some(share) = share_beyond(heights)
                 && best.is_none_or(|(_, most)| share > most)
             {
@@ -841,7 +922,7 @@ impl CriticalCells {
         }
         let is_missed = cell.error > cell.difference.max(cell.at_corners);
         if let Some(worst) = cell.worst.filter(|_| is_missed) {
-            let heights = self.lines[worst as usize].heights(&cell.corners, self.beside);
+            let heights = worst.heights(&cell.corners, self.beside);
             best = share_beyond(heights).map(|share| (heights, share));
         }
         if let Some((heights, share)) = best
@@ -1161,19 +1242,64 @@ impl OuterPlane<'_> {
             return;
         }
         let line = Line {
-            normal: across / length,
-            offset: across.dot(on) / length,
+            straight: Straight {
+                normal: across / length,
+                offset: across.dot(on) / length,
+            },
             event,
             of,
             is_contact: false,
         };
-        if share_beyond(line.heights(self.outer, self.beside)).is_some() {
+        if share_beyond(line.straight.heights(self.outer, self.beside)).is_some() {
             lines.push(line);
         }
     }
 }
 
-impl Line {
+impl NearEdge {
+    /// What points of a cell may miss beside the edge, and the line to cut it along; `None` where points lie near
+    /// enough.
+    fn beside(&self, cell: &[DVec3; 3], normal: DVec3, missed: &Missed) -> Option<(f64, Straight)> {
+        let [a, b] = self.ends;
+        let height = |p: DVec3| normal.dot(p - cell[0]).abs();
+        let along = (b - a) - normal * normal.dot(b - a);
+        let length = along.length();
+        let along = along.try_normalize()?;
+        let across = normal.cross(along);
+        let least = |values: [f64; 3]| values.into_iter().fold(f64::INFINITY, f64::min);
+        let most = |values: [f64; 3]| values.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let (places, sides) = (cell.map(|p| along.dot(p - a)), cell.map(|p| across.dot(p - a)));
+        let (from, to) = (least(places).max(0.0), most(places).min(length));
+        let (low, high) = (least(sides), most(sides));
+        let far = if high > -low { high } else { low };
+        if from >= to || missed.whole <= 0.0 {
+            return None;
+        }
+        let gap = low.max(-high).max(0.0);
+        let at = |l: f64| height(a) + (height(b) - height(a)) * l / length;
+        let z = at(from).max(at(to));
+        // At s, F° is as much as the band below the edge.
+        let s = z * (0.5 * missed.of_band / missed.whole).sqrt();
+        let distance = gap.hypot(z.max(s));
+        if distance >= NEXT_TO * far.abs() {
+            return None;
+        }
+        let of_strip = if gap < s {
+            missed.whole * (2.0 * s - gap)
+        } else {
+            0.5 * missed.of_band * z * z / gap
+        };
+        let sides = if low < 0.0 && high > 0.0 { 2.0 } else { 1.0 };
+        let share = (sides * (to - from) * of_strip / geometry::area(cell)).min(missed.whole);
+        let cut = Straight {
+            normal: across,
+            offset: across.dot(a) + far.signum() * (distance * far.abs()).sqrt(),
+        };
+        Some((share, cut))
+    }
+}
+
+impl Straight {
     /// Distances of a cell's corners from the line; 0 for corners on it.
     fn heights(&self, cell: &[DVec3; 3], beside: f64) -> [f64; 3] {
         cell.map(|p| {
@@ -1181,7 +1307,9 @@ impl Line {
             if height.abs() <= beside { 0.0 } else { height }
         })
     }
+}
 
+impl Line {
     /// The ends of the line's part in a cell that it divides.
     fn ends(&self, cell: &[DVec3; 3], heights: [f64; 3]) -> Option<[DVec3; 2]> {
         let mut ends = (0..3).filter_map(|k| {
@@ -1206,7 +1334,7 @@ impl Line {
         };
         let (mut below, mut above) = (true, true);
         for x in ends {
-            let across = self.normal.cross(corner - x);
+            let across = self.straight.normal.cross(corner - x);
             let (at, length) = (across.dot(x - a), across.dot(b - a));
             if length == 0.0 {
                 return true;
@@ -1302,7 +1430,8 @@ mod tests {
                 let unoccluded = exchange(&own, &other, &FactorRule::exact());
                 let bound = Bound {
                     unoccluded,
-                    enough: share * unoccluded,
+                    share,
+                    least: unoccluded,
                     most_points: 1_000_000,
                 };
                 let found = cells
@@ -1504,7 +1633,8 @@ mod tests {
                 let least = 1e-2 * geometry::area(&own).min(geometry::area(&other));
                 let bound = Bound {
                     unoccluded,
-                    enough: 0.3 * tolerance * unoccluded.max(least),
+                    share: 0.3 * tolerance,
+                    least,
                     most_points: 20_000_000,
                 };
                 let found = cells
@@ -1551,7 +1681,8 @@ mod tests {
                 let pair = shaft.pair(obstacles, PatchTriangle::new(i, &own), PatchTriangle::new(j, &other));
                 let bound = Bound {
                     unoccluded: exchange(&own, &other, &FactorRule::exact()),
-                    enough: 0.0,
+                    share: 0.0,
+                    least: 0.0,
                     most_points: 0,
                 };
                 if pair.is_occluded || pair.is_unoccluded() || bound.unoccluded <= 0.0 {
@@ -1596,7 +1727,8 @@ mod tests {
         let measured = [100, 1_000_000].map(|most_points| {
             let bound = Bound {
                 unoccluded,
-                enough: 1e-9 * unoccluded,
+                share: 1e-9,
+                least: unoccluded,
                 most_points,
             };
             CriticalCells::default()
