@@ -14,6 +14,10 @@ const MOST_BLOCKED: f64 = 0.01;
 /// Largest mean escaped share at which objects may see only themselves, and the least of one object.
 const MOST_ESCAPED: f64 = 0.3;
 const LEAST_ESCAPED: f64 = 1e-3;
+/// Surfaces of a scene that is examined though nothing is odd, at most: for each row of the run, and in any run. An
+/// examination takes some 3 µs a surface, a row a millisecond.
+const SURFACES_A_ROW: u64 = 10;
+const FEW_SURFACES: u64 = 30_000;
 /// Most surfaces of an examined scene.
 const SURFACES_MAX: usize = 1500;
 /// Most surfaces if nothing but a closed view is odd.
@@ -47,12 +51,17 @@ pub(crate) fn of(prepared: &Prepared, objects: &Objects, options: DiagnoseOption
     )
 }
 
-/// Returns whether the rows of a run look odd: nothing in sight, many backs in view, or little that escapes, unless one
-/// object is closed.
-pub(crate) fn is_odd(objects: usize, [row_sum, escaped, blocked]: [f64; 3]) -> bool {
-    row_sum <= LEAST_SUM
-        || blocked >= MOST_BLOCKED
-        || (escaped <= MOST_ESCAPED && (objects > 1 || escaped > LEAST_ESCAPED))
+/// Returns whether rows look odd: nothing in sight, or many backs in view.
+fn is_odd(row_sum: f64, blocked: f64) -> bool {
+    row_sum <= LEAST_SUM || blocked >= MOST_BLOCKED
+}
+
+/// Returns whether a run's scene is to be examined: its rows are odd, or little of them escapes, unless one object is
+/// closed. What is not odd is examined where that takes a small part of the run's time.
+pub(crate) fn is_examined(prepared: &Prepared, rows: u64, [row_sum, escaped, blocked]: [f64; 3]) -> bool {
+    let is_quick = || prepared.patches.surfaces().len() as u64 <= FEW_SURFACES.max(SURFACES_A_ROW * rows);
+    let is_one = prepared.scene.objects.len() <= 1;
+    is_odd(row_sum, blocked) || (escaped <= MOST_ESCAPED && !(is_one && escaped <= LEAST_ESCAPED) && is_quick())
 }
 
 /// Warnings about the scene of a run with odd rows.
@@ -64,7 +73,7 @@ pub(crate) fn questions(
 ) -> Vec<String> {
     let options = DiagnoseOptions {
         threads,
-        surfaces_max: if is_odd(0, [row_sum, 1.0, blocked]) {
+        surfaces_max: if is_odd(row_sum, blocked) {
             SURFACES_MAX
         } else {
             SURFACES_OF_CLOSED
@@ -72,11 +81,7 @@ pub(crate) fn questions(
         ..DiagnoseOptions::default()
     };
     let found = of(prepared, objects, options);
-    let mut sentences: Vec<String> = found
-        .winding
-        .iter()
-        .map(|winding| of_winding(prepared, winding))
-        .collect();
+    let mut sentences = of_windings(prepared, &found.winding);
     if sentences.is_empty() && row_sum == 0.0 {
         sentences.push(format!(
             "the matrix is empty: no patch of these rows sees another; {} of the view leaves the scene, and {} is \
@@ -159,8 +164,24 @@ fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
         )
 }
 
-/// The defect of an object's winding, and what to try.
-pub(crate) fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
+/// The defects of objects' winding, and what to try. Parts alone that face the same wrong way are told at once.
+pub(crate) fn of_windings(prepared: &Prepared, windings: &[Winding]) -> Vec<String> {
+    let mut told: Vec<Winding> = Vec::new();
+    for winding in windings {
+        let parts_alone = |of: &Winding| of.objects.is_empty() && !of.parts.is_empty();
+        let joins = |before: &&mut Winding| before.turn == winding.turn && parts_alone(before) && parts_alone(winding);
+        if let Some(before) = told.iter_mut().find(joins) {
+            before.parts.extend(winding.parts.iter().cloned());
+            before.lost += winding.lost;
+        } else {
+            told.push(winding.clone());
+        }
+    }
+    told.iter().map(|winding| of_winding(prepared, winding)).collect()
+}
+
+/// The defect of a winding, and what to try.
+fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     let names: BTreeSet<&str> = winding
         .objects
         .iter()

@@ -591,8 +591,8 @@ impl Ending<'_> {
             status, cancel, talk, ..
         } = *self.watch;
         let shares = [tally.sum, tally.escaped, tally.blocked].map(|sum| tally.mean(sum));
-        let is_odd = enclosure::is_odd(prepared.scene.objects.len(), shares);
-        let questions = if tally.rendered > 0 && !self.has_portals && is_odd {
+        let is_examined = || enclosure::is_examined(prepared, tally.rendered, shares);
+        let questions = if tally.rendered > 0 && !self.has_portals && is_examined() {
             let [row_sum, _, blocked] = shares;
             enclosure::questions(prepared, self.objects, [row_sum, blocked], self.threads)
         } else {

@@ -240,11 +240,7 @@ pub(super) fn diagnosis_report(prepared: &Prepared, diagnosis: Diagnosis) -> Dia
 pub(super) fn enclosure_report(prepared: &Prepared, options: DiagnoseOptions) -> EnclosureReport {
     let enclosure = enclosure::of(prepared, &enclosure::objects(prepared), options);
     EnclosureReport {
-        sentences: enclosure
-            .winding
-            .iter()
-            .map(|of| enclosure::of_winding(prepared, of))
-            .collect(),
+        sentences: enclosure::of_windings(prepared, &enclosure.winding),
         leaks_said: enclosure
             .leaks
             .iter()
