@@ -12,7 +12,7 @@ use hemicube::Model;
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::driver::calibrate::calibrate;
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
-use hemicube::store::Part;
+use hemicube::store::{Part, RowShares};
 use hemicube_scene::generate::{Generate, Kind, generate, room};
 use hemicube_scene::{InputPatch, Scene, Subdivision};
 use hemicube_tests::cases::{Pair, case, cases, expected, number, pairs};
@@ -24,7 +24,7 @@ use hemicube_tests::geometry::{
 use hemicube_tests::promise::{
     AS_IT_IS, FAR_AWAY, Motion, ROTATED, SCALED, Tally, WHOLE, between_groups, both_ways, bound, hold_pairs, matrix,
 };
-use hemicube_tests::rows::{Factors, Rung, backend, parts, settings};
+use hemicube_tests::rows::{Factors, Rung, backend, parts, plan, settings};
 use hemicube_tests::scenes::{generated, model, model_as_it_is, read, say, scenes_or_skip};
 
 use std::sync::atomic::AtomicBool;
@@ -670,6 +670,68 @@ fn plates_in_near_contact() {
         }
     }
     tally.finish("plates in near contact");
+}
+
+/// What leaves a narrow gap leaves from within its width of the rim: of most patches nothing, of some little, which few
+/// rays find. Form factors in closed form tell it.
+#[test]
+fn rims_of_narrow_gaps() {
+    const CUTS: u32 = 6;
+    let cut = |[a, b, c]: Triangle| {
+        let at = |i: u32, j: u32| a + ((b - a) * f64::from(i) + (c - a) * f64::from(j)) / f64::from(CUTS);
+        let mut pieces = Vec::new();
+        for (i, j) in (0..CUTS).flat_map(|i| (0..CUTS - i).map(move |j| (i, j))) {
+            pieces.push([at(i, j), at(i + 1, j), at(i, j + 1)]);
+            if i + j + 1 < CUTS {
+                pieces.push([at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        pieces
+    };
+    let mut tally = Tally::default();
+    for (gap, tolerance) in [(1e-2, 1e-2), (1e-3, 1e-3), (1e-3, 1e-4)] {
+        let corner = |x, y, z| DVec3::new(x, y, z);
+        let low = cut([corner(0.0, 0.0, 0.0), corner(1.0, 0.0, 0.0), corner(0.2, 0.9, 0.0)]);
+        let high = cut([corner(0.03, 0.0, gap), corner(0.2, 0.9, gap), corner(1.0, 0.02, gap)]);
+        let model = grouped(vec![low, high], AS_IT_IS).0;
+        for (patch, factors, shares) in sums(&model, tolerance) {
+            let name = || format!("patch {patch}, gap {gap}, at {tolerance}");
+            tally.hold(name, factors + shares.lost(), 1.0, tolerance);
+        }
+    }
+    tally.finish("rims of narrow gaps");
+}
+
+/// What escapes is what form factors in closed form leave, not what rays met.
+#[test]
+fn what_escapes_between_plates() {
+    let mut tally = Tally::default();
+    let [floor, ceiling, ..] = box_inside(DVec3::ONE);
+    for cuts in [1, 4] {
+        let plates = [floor, ceiling].map(|face| grid(face, &even(cuts), &even(cuts)));
+        let model = grouped(plates.to_vec(), AS_IT_IS).0;
+        for tolerance in [1e-2, 1e-3, 1e-4] {
+            let rows = sums(&model, tolerance);
+            for &(patch, factors, shares) in &rows {
+                let name = || format!("patch {patch} of {} at {tolerance}", rows.len());
+                tally.hold(name, factors + shares.escaped, 1.0, 1e-2 * tolerance);
+            }
+        }
+    }
+    tally.finish("what escapes between plates");
+}
+
+/// Each row's patch, the sum of its form factors, and its shares.
+fn sums(model: &Model, tolerance: f64) -> Vec<(u32, f64, RowShares)> {
+    let rung = Rung::settled(model, tolerance);
+    let plan = plan(model).with_correction(rung.correction);
+    let (parts, _) = parts(model, &plan, settings(rung.resolution), backend(), Execution::default())
+        .expect("a backend that keeps its contract");
+    let rows = |part: &Part| {
+        let row = |k: usize| (part.rows[k], part.row(k).1.into_iter().sum::<f64>(), part.shares[k]);
+        (0..part.rows.len()).map(row).collect::<Vec<_>>()
+    };
+    parts.iter().flat_map(rows).collect()
 }
 
 #[test]

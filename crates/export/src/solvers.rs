@@ -21,11 +21,12 @@ pub(crate) use view3d::{View3d, View3dBinary};
 
 use crate::faces::{Faces, Found, Grouping, Needs};
 use crate::write::{Cancellable, WriteOptions, on_write};
-use crate::{Result, SolverFormat};
+use crate::{Error, Result, SolverFormat};
 use hemicube::store::Store;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 /// Options of [`export_for`].
 #[derive(Clone, Copy, Debug)]
@@ -107,8 +108,8 @@ impl SolverJob<'_> {
 /// Writes the matrix of `store` for a solver to `path`. All files are written before the first has its name.
 ///
 /// # Errors
-/// [`Error::Unfit`](crate::Error::Unfit) when the matrix lacks what the solver needs, with the next step;
-/// [`Error::TooLarge`](crate::Error::TooLarge) when the format cannot hold it; otherwise as [`crate::export`].
+/// [`Error::Unfit`] when the matrix lacks what the solver needs, with the next step;
+/// [`Error::TooLarge`] when the format cannot hold it; otherwise as [`crate::export`].
 ///
 /// ```
 /// use hemicube_export::{SolverFormat, SolverOptions, WriteOptions, export_for};
@@ -152,7 +153,13 @@ pub fn export_for(
         options,
         paths: &paths,
     };
-    writer.write(&job, &mut files)?;
+    let result = writer.write(&job, &mut files);
+    // A cancelled file refuses bytes, which is no error of the disk.
+    if options.write.cancel.load(Ordering::Relaxed) {
+        let path = path.to_owned();
+        return Err(Error::Interrupted { path });
+    }
+    result?;
     let mut written = Vec::with_capacity(paths.len());
     for (file, path) in files.into_iter().zip(&paths) {
         let bytes = Cancellable::commit(Ok(file), path, options.write, |error| on_write(path, error))?;

@@ -390,7 +390,16 @@ impl<'c> Converter<'c> {
             Correction::Pixel => weights.shares,
             Correction::Point => weights.shares.refined(factors, corrected.error.into()),
             Correction::Area(_) | Correction::Tolerance(_) if is_unfinished => weights.shares,
-            Correction::Area(_) | Correction::Tolerance(_) => balance.refined_shares(factors, corrected.error),
+            Correction::Area(_) | Correction::Tolerance(_) => {
+                // Where each pair was measured, a row's error is known, and what is beyond it is the rays'.
+                let measured = self.refiner.as_ref().is_some_and(Refiner::measures_each);
+                let own = if measured {
+                    crate::store::shares::ERRORS * f64::from(corrected.error)
+                } else {
+                    f64::INFINITY
+                };
+                balance.refined_shares(factors, corrected.error, own)
+            }
         };
         self.ray_shares = balance.found;
         Converted {
@@ -689,7 +698,9 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         } else {
             SURE_PART
         };
-        while off(&found) && found.error() > sure * self.permitted {
+        // Sums below 1 that lose nothing by rays may lose what few rays miss, as at the rim of a narrow gap.
+        let may_miss = |found: &RayShares| factors < 1.0 && found.none_leaves() > ASKED * self.permitted;
+        while off(&found) && (found.error() > sure * self.permitted || may_miss(&found)) {
             if !found.go_on(emitter, self.permitted, &self.receives) {
                 break;
             }
@@ -805,8 +816,9 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         refined
     }
 
-    /// The non-visible shares of a finished row, refined to form factors of this sum and this error.
-    fn refined_shares(&mut self, factors: f64, error: f32) -> RowShares {
+    /// The non-visible shares of a finished row, refined to form factors of this sum and this expected error, which may
+    /// be off by `own` at most.
+    fn refined_shares(&mut self, factors: f64, error: f32, own: f64) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
         let emitter = Emitter::new(self.model, self.emitter);
         if !self.needs_rays(&emitter, factors) {
@@ -822,7 +834,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         };
         self.sure_ray_shares(&emitter, factors, part)
             .map_or(by_hemicubes, |found| {
-                found.shares().refined_within(factors, ASKED * self.permitted)
+                found.shares().refined_within(factors, own.min(ASKED * self.permitted))
             })
     }
 }

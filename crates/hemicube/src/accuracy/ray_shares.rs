@@ -37,6 +37,9 @@ const MOST_CROSSED: usize = 1024;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
 
+/// What a share may be, at 95 %, that none of n rays met, times n: (1 − X)ⁿ = 0.05.
+const NONE_MET: f64 = 3.0;
+
 /// The standard error of a share X from so many rays, where `variance` is X (1 − X).
 pub(crate) fn error(variance: f64, count: usize) -> f64 {
     // n^(5/8), by roots: they have the same bits everywhere.
@@ -73,6 +76,17 @@ impl RayShares {
     pub(crate) fn error(&self) -> f64 {
         let sum = self.shares().lost().min(1.0);
         error(sum * (1.0 - sum), self.rays)
+    }
+
+    /// What may be lost, at 95 %, where no ray was; 0 where one was. The standard error says too little of it: rays that
+    /// leave a narrow gap start within its width of the rim, and their places do not fill so small a part evenly.
+    pub(crate) fn none_leaves(&self) -> f64 {
+        let is_none = self.met == [0; 3];
+        if is_none {
+            NONE_MET / self.rays.max(1) as f64
+        } else {
+            0.0
+        }
     }
 
     /// Returns whether they are a measurement, not only a look at what a hemicube did not see.

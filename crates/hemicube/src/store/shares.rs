@@ -15,7 +15,9 @@
 //!
 //! A residual above the expected error of the form factors, where backs or unselected patches may have a part in it,
 //! has the hemicubes' shares replaced by rays' from all over the patch (`accuracy/lost.rs`). These are refined by three
-//! times their own error at most, or, where the row would still be off by more than is permitted, by all of it.
+//! times their own error at most, or, where the row would still be off by more than is permitted, by all of it. Where
+//! each pair of the row was measured by itself, form factors keep no more than three times their expected error: what
+//! is beyond it is the rays'.
 
 use crate::store::{HEMICUBE_WEIGHT, RowSums};
 
@@ -54,7 +56,7 @@ const RESOLUTION: f64 = 1.0 / HEMICUBE_WEIGHT as f64;
 const OWN_ERROR: f64 = 0.01;
 
 /// By how many times its expected error a sum of form factors can be off.
-const ERRORS: f64 = 3.0;
+pub(crate) const ERRORS: f64 = 3.0;
 
 impl RowShares {
     /// Shares of a row without hemicubes.
