@@ -210,7 +210,8 @@ fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
             .to_owned(),
         _ if !winding.parts.is_empty() => of_parts(prepared, winding, &listed, &lost),
         Turn::InsideOut => format!(
-            "{} {} inwards ({listed}): {} only {} own {}, and others see {}, {lost} of all views; {} turns {them} round",
+            "{} {} inwards ({listed}): {} only {} own {}, and others see {}, {lost} of all views; {} \
+             turns {them} round",
             counted(winding.objects.len() as u64, "object"),
             if one { "faces" } else { "face" },
             if one { "it sees" } else { "they see" },
@@ -227,8 +228,8 @@ fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
             options(prepared, &names)
         ),
         _ => format!(
-            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {them} round, and `--two-sided on` is \
-             for sheets",
+            "{listed} {} the wrong way: {lost} of all views is lost by {}; {} turns {them} round, and \
+             `--two-sided on` is for sheets",
             if one { "faces" } else { "face" },
             if one { "its back" } else { "their backs" },
             options(prepared, &names),

@@ -78,8 +78,8 @@ impl RayShares {
         error(sum * (1.0 - sum), self.rays)
     }
 
-    /// What may be lost, at 95 %, where no ray was; 0 where one was. The standard error says too little of it: rays that
-    /// leave a narrow gap start within its width of the rim, and their places do not fill so small a part evenly.
+    /// What may be lost, at 95 %, where no ray was; 0 where one was. The standard error says too little of it: rays
+    /// that leave a narrow gap start within its width of the rim, and their places do not fill so small a part evenly.
     pub(crate) fn none_leaves(&self) -> f64 {
         let is_none = self.met == [0; 3];
         if is_none {

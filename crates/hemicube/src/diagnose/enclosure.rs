@@ -10,15 +10,16 @@
 //!      + Σ w [escaped under S, of a group that sees no front and is nearly closed on its other side]
 //! ```
 //!
-//! over the weight of all rays. What is turned are units: the surfaces of an object that join in edges which two of them
-//! run through in opposite ways, so that a building in a city of one object, or a wall in a room of one, is found alone.
+//! over the weight of all rays. What is turned are units: the surfaces of an object that join in edges which two of
+//! them run through in opposite ways, so that a building in a city of one object, or a wall in a room of one, is found
+//! alone.
 //!
 //! Escaping rays count only if every group of the scene sees no front, or only its own, and backs in sight do not tell:
 //! among free-standing solids, some see others. The culprit is the set of the largest fall of J among: each object,
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
-//! those), a ground that faces down, and all; then the next, until no turn is worth it. An object or group must be turned to face a nearly closed
-//! space, and all must see more fronts than before, and fewer than backs unless they see nothing: a room turned
-//! outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
+//! those), a ground that faces down, and all; then the next, until no turn is worth it. An object or group must be
+//! turned to face a nearly closed space, and all must see more fronts than before, and fewer than backs unless they see
+//! nothing: a room turned outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -49,8 +50,8 @@ const ITSELF: f64 = 0.9;
 /// more than this is backs: the rest may be a floor that it stands on.
 const INSIDE: f64 = 0.5;
 const INSIDE_BACKS: f64 = 0.1;
-/// An inside that others' backs stand in: what it sees of itself and of backs is at least `INSIDE`. Its other side is in
-/// the open if at least this share of its view is not backs; zones of a building see the backs of the facade.
+/// An inside that others' backs stand in: what it sees of itself and of backs is at least `INSIDE`. Its other side is
+/// in the open if at least this share of its view is not backs; zones of a building see the backs of the facade.
 const IN_THE_OPEN: f64 = 0.4;
 /// A ground that faces down: this share of its area does, on balance; so much of its view escapes; the other side sees
 /// at least this share of fronts and sky; and it spans these shares of the scene along the level axes.
@@ -548,8 +549,8 @@ impl Rays<'_> {
         met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
     }
 
-    /// Returns whether these face up and see nothing but sky, in a scene that is open anyway: a roof on posts, a canopy, a
-    /// solar panel. Their undersides see what they shade, and a roof's its attic.
+    /// Returns whether these face up and see nothing but sky, in a scene that is open anyway: a roof on posts, a
+    /// canopy, a solar panel. Their undersides see what they shade, and a roof's its attic.
     fn is_roof(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, after: &BTreeSet<u32>) -> bool {
         let Some(up) = self.up else { return false };
         let (mut net, mut area) = (0.0, 0.0);
@@ -876,8 +877,8 @@ fn windings(
             .values()
             .all(|sight| sight.is_blind(alone) || sight.own + sight.backs >= ITSELF * sight.view());
     let blind = if all_outward { blind } else { BTreeSet::new() };
-    // Where a room sees itself, what backs in sight tell comes first: a thick-walled room with a chair turned round in it
-    // is no model wound outwards, though its facade sees nothing.
+    // Where a room sees itself, what backs in sight tell comes first: a thick-walled room with a chair turned round in
+    // it is no model wound outwards, though its facade sees nothing.
     let is_room = |sight: &Sight| sight.own >= INSIDE * sight.view() && sight.backs > WORTH * whole;
     let mut found = rays.turns(&all, &members, &BTreeSet::new());
     if all_outward && !sights.values().any(is_room) {

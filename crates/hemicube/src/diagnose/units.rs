@@ -1,7 +1,8 @@
 //! Units of winding: surfaces of an object that join along edges which two of them run through in opposite ways.
 //!
 //! What is wound in one way is one unit, whatever the object holds besides: a building of a city that is one object, a
-//! wall turned round in a room, a table beside a chair. An object of more than [`UNITS_MAX`] is one unit: leaves, soups.
+//! wall turned round in a room, a table beside a chair. An object of more than [`UNITS_MAX`] is one unit: leaves,
+//! soups.
 
 use super::enclosure::welded;
 use crate::Model;
