@@ -20,6 +20,7 @@
 
 mod args;
 mod clock;
+mod cold;
 mod command_line;
 mod commands;
 mod config;

@@ -96,8 +96,7 @@ fn of_scene(names: &[String], path: &Path, allow_large: bool, talk: Talk) -> Res
             path.display()
         );
     }
-    let of_libraries = |warning: &&String| warning.starts_with("the material library");
-    for warning in scene.findings.warnings.iter().filter(of_libraries) {
+    for warning in scene.findings.unread_libraries() {
         talk.warn(warning);
     }
     let values = |material: &Material| [material.diffuse, material.emission];

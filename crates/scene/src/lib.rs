@@ -121,6 +121,9 @@ pub struct Findings {
     pub warnings: Vec<String>,
 }
 
+/// Beginning of a warning of a material library that could not be read.
+pub(crate) const UNREAD_LIBRARY: &str = "the material library";
+
 impl Findings {
     /// Counts one more `reason`.
     pub fn count(&mut self, reason: &str) {
@@ -138,6 +141,14 @@ impl Findings {
                 self.counts.insert(reason.to_owned(), count);
             }
         }
+    }
+
+    /// The warnings of material libraries that could not be read: what they describe is missing.
+    pub fn unread_libraries(&self) -> impl Iterator<Item = &str> {
+        self.warnings
+            .iter()
+            .map(String::as_str)
+            .filter(|warning| warning.starts_with(UNREAD_LIBRARY))
     }
 
     /// Number of times `reason` was counted.

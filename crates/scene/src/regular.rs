@@ -1,5 +1,6 @@
 //! Opens regular files only, so that nothing waits for a pipe or reads a device without end.
 
+use crate::text::{IS_UTF_16, unmarked};
 use std::fs::{File, FileType, Metadata};
 use std::io;
 #[cfg(any(feature = "obj", feature = "gltf", feature = "abaqus"))]
@@ -55,13 +56,14 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`read_regular`]; [`io::ErrorKind::InvalidData`] where it is not UTF-8.
 pub fn read_regular_text(path: &Path) -> io::Result<String> {
-    let invalid = |reason| io::Error::new(io::ErrorKind::InvalidData, reason);
+    let invalid = |reason: String| io::Error::new(io::ErrorKind::InvalidData, reason);
     let bytes = read_regular(path)?;
-    // With a mark, or with every second byte 0.
-    if matches!(bytes[..], [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] | [0, _, ..] | [_, 0, ..]) {
-        return Err(invalid("it is UTF-16 text; save it as UTF-8"));
+    unmarked(&bytes).map_err(|error| invalid(format!("it {error}")))?;
+    // ASCII in UTF-16 has a 0 in every second byte.
+    if matches!(bytes[..], [0, _, ..] | [_, 0, ..]) {
+        return Err(invalid(format!("it {IS_UTF_16}")));
     }
-    String::from_utf8(bytes).map_err(|_| invalid("it is no text in UTF-8"))
+    String::from_utf8(bytes).map_err(|_| invalid("it is no text in UTF-8".to_owned()))
 }
 
 /// Opens a file named by a scene, if it lies in the scene's folder or beneath it once all links are followed. A scene

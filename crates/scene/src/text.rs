@@ -2,6 +2,9 @@
 
 use crate::Error;
 
+/// What is said of a text in UTF-16, after its name.
+pub(crate) const IS_UTF_16: &str = "is UTF-16 text; save it as UTF-8";
+
 /// The text of a file without UTF-8's byte-order mark, put there by editors and spreadsheets. All of it if there is no
 /// mark.
 ///
@@ -21,7 +24,7 @@ pub fn unmarked(bytes: &[u8]) -> Result<&[u8], Error> {
     match bytes {
         [0xEF, 0xBB, 0xBF, rest @ ..] => Ok(rest),
         [0xFF, 0xFE, 0, 0, ..] | [0, 0, 0xFE, 0xFF, ..] => Err(Error::unsupported("is UTF-32 text; save it as UTF-8")),
-        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => Err(Error::unsupported("is UTF-16 text; save it as UTF-8")),
+        [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] => Err(Error::unsupported(IS_UTF_16)),
         _ => Ok(bytes),
     }
 }

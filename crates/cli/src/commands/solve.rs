@@ -1,6 +1,6 @@
 //! `hemicube solve`: radiosity or thermal exchange from a matrix.
 
-pub(crate) mod heat;
+mod heat;
 mod surfaces;
 
 use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};

@@ -23,7 +23,7 @@
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
-use super::units::{Unit, Units};
+use super::units::{Sets, Unit, Units};
 use super::{DiagnoseOptions, WORK_OF_ENCLOSURE};
 use crate::Model;
 use crate::bvh::Tree;
@@ -339,34 +339,21 @@ pub(super) fn welded(model: &Model, corner: DVec3) -> [i64; 3] {
 
 /// The group of each unit: units that share corners, by the least of their indices. A closed one is a group alone.
 fn groups(model: &Model, units: &Units, unit: &impl Fn(InputPatch) -> u32) -> BTreeMap<u32, u32> {
-    fn root(parent: &mut BTreeMap<u32, u32>, of: u32) -> u32 {
-        let mut at = of;
-        while let Some(&up) = parent.get(&at)
-            && up != at
-        {
-            at = up;
-        }
-        parent.insert(of, at);
-        at
-    }
-    let mut parent: BTreeMap<u32, u32> = BTreeMap::new();
+    let mut sets = Sets::of(units.iter().count());
     let mut owner: HashMap<[i64; 3], u32> = HashMap::new();
     for surface in &model.geometry().surfaces {
         let own = unit(surface.front);
-        parent.entry(own).or_insert(own);
         if units.get(own).is_closed {
             continue;
         }
         for corner in model.patches().corners(surface.front) {
             let first = *owner.entry(welded(model, corner)).or_insert(own);
             if first != own {
-                let (a, b) = (root(&mut parent, first), root(&mut parent, own));
-                parent.insert(a.max(b), a.min(b));
+                sets.join(first, own);
             }
         }
     }
-    let all: Vec<u32> = parent.keys().copied().collect();
-    all.into_iter().map(|of| (of, root(&mut parent, of))).collect()
+    units.iter().map(|(unit, _)| (unit, sets.least(unit))).collect()
 }
 
 /// The view of a group of objects from its active side, and the views of it.

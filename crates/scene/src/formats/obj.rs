@@ -31,7 +31,7 @@
 use crate::bounds::Bounds;
 use crate::names::Names;
 use crate::polygon::{Labels, area_excess, cut_face, push_triangles};
-use crate::{Error, ErrorKind, Findings, Gloss, Material, ReadOptions, Scene, Triangle};
+use crate::{Error, ErrorKind, Findings, Gloss, Material, ReadOptions, Scene, Triangle, UNREAD_LIBRARY};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
@@ -486,7 +486,7 @@ impl Reader {
         let counted = "material library that could not be read";
         if self.findings.get(counted) < NAMED {
             self.findings.warnings.push(format!(
-                "the material library {} could not be read: {reason}",
+                "{UNREAD_LIBRARY} {} could not be read: {reason}",
                 quoted(name.as_bytes())
             ));
         }

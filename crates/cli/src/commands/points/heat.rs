@@ -2,7 +2,7 @@
 
 use super::Arguments;
 use crate::args::Talk;
-use crate::commands::solve::heat::{COLD, question_cold};
+use crate::cold::{COLD, question_cold};
 use crate::exit::hinted;
 use crate::prepare::Prepared;
 use crate::report::{counted, require_matrix};

@@ -3,9 +3,10 @@
 use super::surfaces::{By, Results};
 use super::{Arguments, Surfaces};
 use crate::args::Talk;
+use crate::cold::{COLD, question_cold};
 use crate::exit::hinted;
 use crate::materials;
-use crate::report::{count, counted, figures, percent};
+use crate::report::{counted, figures, percent};
 use crate::stored;
 use anyhow::{Result, anyhow, bail};
 use hemicube::analysis::exchange::Network;
@@ -18,9 +19,6 @@ use hemicube::solve::{
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
 
-/// Temperatures below this, in kelvin, are asked about, and how many of them are named.
-pub(crate) const COLD: f64 = 100.0;
-const COLD_SHOWN: usize = 3;
 /// Surfaces named of a solution that did not converge.
 const UNSETTLED_SHOWN: usize = 3;
 /// A scene is open when more than this part of its view leaves it.
@@ -375,19 +373,4 @@ fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Resul
         }
     };
     (0..escaped.len()).map(share).collect()
-}
-
-/// Asks whether these temperatures below [`COLD`], with what they are of, are degrees Celsius.
-pub(crate) fn question_cold(mut cold: Vec<String>, talk: Talk) {
-    let more = cold.len().saturating_sub(COLD_SHOWN);
-    cold.truncate(COLD_SHOWN);
-    if more > 0 {
-        cold.push(format!("{} more", count(more as u64)));
-    }
-    if !cold.is_empty() {
-        talk.warn(&format!(
-            "{}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
-            cold.join(", ")
-        ));
-    }
 }
