@@ -191,12 +191,11 @@ const SURELY: f64 = 2.0;
 const ASKED: f64 = 0.75;
 /// Factor on that part if only the sky takes a share: the sum of the form factors then tells it. A choice.
 const SKY_ONLY: f64 = 2.0;
-/// Parts of a sum's permitted error that rays may leave in a share: of rows whose sum they tell, and of those in which
-/// they divide what the form factors leave. Choices.
+/// Part of a sum's permitted error that rays' standard errors may be. A choice.
 const RAYS_PART: f64 = 0.8;
-const SPLIT_PART: f64 = 0.65;
-/// Part of it that they may leave in the sum before form factors are held to be off by it. A choice.
-const SURE_PART: f64 = 0.45;
+/// Part of it where rays divide what the form factors leave, and before form factors are held to be off by what the
+/// rays' sum says: three standard errors are within the permitted one.
+const SURE_PART: f64 = 1.0 / 3.0;
 /// [`SURE_PART`] of a row whose form factors and hemicubes agree, and number of standard errors by which rays must
 /// differ from both. Choices.
 const SURE_PART_AGREED: f64 = 0.25;
@@ -680,18 +679,34 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         self.cast().is_some_and(|found| found.is_measurement())
     }
 
-    /// The shares by rays with a part of the permitted error at most, cast where they were not; `None` for a patch
-    /// without area.
-    fn ray_shares(&mut self, emitter: &Emitter<'_>, part: f64) -> Option<RayShares> {
+    /// The shares by rays, whose standard errors are within [`RAYS_PART`] of the permitted error, cast where they were
+    /// not; `None` for a patch without area.
+    fn ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
+        let wanted = RAYS_PART * self.permitted;
+        self.refined_until(emitter, |found| found.is_within(wanted))
+    }
+
+    /// [`Self::ray_shares`], where two of them matter with as many rays as divide what the form factors leave.
+    fn divided_ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
+        let found = self.ray_shares(emitter)?;
+        if self.matter(found.shares()) < 2 {
+            return Some(found);
+        }
+        let wanted = SURE_PART * self.permitted;
+        self.refined_until(emitter, |found| found.division_error() <= wanted)
+    }
+
+    /// Casts rays until they are enough, or their bound is met; `None` for a patch without area.
+    fn refined_until(&mut self, emitter: &Emitter<'_>, is_enough: impl Fn(&RayShares) -> bool) -> Option<RayShares> {
         let mut found = self.look(emitter)?;
-        found.refine(emitter, self.permitted, part * self.permitted, &self.receives);
+        found.refine(emitter, self.permitted, is_enough, &self.receives);
         self.found = Some((self.emitter, found));
         Some(found)
     }
 
     /// [`Self::ray_shares`], with as many rays as tell whether form factors of this sum are off by more than permitted.
-    fn sure_ray_shares(&mut self, emitter: &Emitter<'_>, factors: f64, part: f64) -> Option<RayShares> {
-        let mut found = self.ray_shares(emitter, part)?;
+    fn sure_ray_shares(&mut self, emitter: &Emitter<'_>, factors: f64) -> Option<RayShares> {
+        let mut found = self.ray_shares(emitter)?;
         let off = |found: &RayShares| (1.0 - factors - found.shares().lost()).abs() > ASKED * self.permitted;
         let sure = if self.agree(factors) {
             SURE_PART_AGREED
@@ -711,7 +726,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
 
     /// Returns whether form factors of this sum and the shares by rays are farther off 1 than `bound`.
     fn is_off_by_rays(&mut self, emitter: &Emitter<'_>, factors: f64, bound: f64) -> bool {
-        let found = self.ray_shares(emitter, RAYS_PART);
+        let found = self.ray_shares(emitter);
         found.is_some_and(|found| (factors + found.shares().lost() - 1.0).abs() > bound)
     }
 
@@ -782,7 +797,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         if !self.needs_rays(emitter, factors) {
             return None;
         }
-        let found = self.sure_ray_shares(emitter, factors, RAYS_PART)?;
+        let found = self.sure_ray_shares(emitter, factors)?;
         let sum = 1.0 - factors - found.shares().lost();
         let error = found.error();
         let noise = if self.agree(factors) { SURE_OF_BOTH * error } else { 0.0 };
@@ -824,18 +839,12 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         if !self.needs_rays(&emitter, factors) {
             return by_hemicubes;
         }
-        let Some(found) = self.ray_shares(&emitter, RAYS_PART) else {
+        if self.divided_ray_shares(&emitter).is_none() {
             return by_hemicubes;
-        };
-        let part = if self.matter(found.shares()) > 1 {
-            SPLIT_PART
-        } else {
-            RAYS_PART
-        };
-        self.sure_ray_shares(&emitter, factors, part)
-            .map_or(by_hemicubes, |found| {
-                found.shares().refined_within(factors, own.min(ASKED * self.permitted))
-            })
+        }
+        self.sure_ray_shares(&emitter, factors).map_or(by_hemicubes, |found| {
+            found.shares().refined_within(factors, own.min(ASKED * self.permitted))
+        })
     }
 }
 

@@ -72,6 +72,15 @@ impl RayShares {
             .map(|share| error(share * (1.0 - share), self.rays))
     }
 
+    /// The largest standard error of a share where the form factors tell the sum L of all three: of a share X, the
+    /// variance X (1 − X ÷ L) remains.
+    pub(crate) fn division_error(&self) -> f64 {
+        let shares = self.shares();
+        let lost = shares.lost().max(f64::MIN_POSITIVE);
+        let largest = |most: f64, share: f64| most.max(share * (1.0 - share / lost));
+        error(shares.to_array().into_iter().fold(0.0, largest), self.rays)
+    }
+
     /// The standard error of the sum of all three.
     pub(crate) fn error(&self) -> f64 {
         let sum = self.shares().lost().min(1.0);
@@ -87,6 +96,11 @@ impl RayShares {
         } else {
             0.0
         }
+    }
+
+    /// Returns whether no share has a standard error above `wanted`.
+    pub(crate) fn is_within(&self, wanted: f64) -> bool {
+        self.errors().iter().all(|&error| error <= wanted)
     }
 
     /// Returns whether they are a measurement, not only a look at what a hemicube did not see.
@@ -110,16 +124,16 @@ impl RayShares {
         (found.rays > 0).then_some(found)
     }
 
-    /// Casts 256 rays, and twice as many until no share has a standard error above `wanted`, or their bound is met:
-    /// 16,384 rays (65,536 for a permitted error below 10⁻³), or 2²² blocks of triangles.
+    /// Casts 256 rays, and twice as many until `is_enough`, or their bound is met: 16,384 rays (65,536 for a permitted
+    /// error below 10⁻³), or 2²² blocks of triangles.
     pub(crate) fn refine(
         &mut self,
         emitter: &Emitter<'_>,
         permitted: f64,
-        wanted: f64,
+        is_enough: impl Fn(&Self) -> bool,
         receives: impl Fn(u32) -> bool,
     ) {
-        while !self.is_measurement() || self.errors().iter().any(|&error| error > wanted) {
+        while !self.is_measurement() || !is_enough(self) {
             if !self.go_on(emitter, permitted, &receives) {
                 break;
             }
@@ -367,7 +381,7 @@ mod tests {
 
     fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
         let mut found = RayShares::look(emitter, permitted, &receives)?;
-        found.refine(emitter, permitted, 0.8 * permitted, receives);
+        found.refine(emitter, permitted, |found| found.is_within(0.8 * permitted), receives);
         Some(found)
     }
 

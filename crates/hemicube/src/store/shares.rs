@@ -88,17 +88,19 @@ impl RowShares {
         Self::from_array(shares)
     }
 
-    /// [`Self::refined`] for measured shares. They take the residual where it is `permitted`. Of a larger one, which is
-    /// the form factors' own, they take what exceeds `permitted`: pairs were looked for before, and uncertain ones
-    /// moved.
+    /// [`Self::refined`] for shares measured by rays. They take the residual where it is `permitted`. Of a larger one,
+    /// which is the form factors' own, they take what exceeds `permitted`: pairs were looked for before, and uncertain
+    /// ones moved. Rays that are known to be lost divide as those that were: each share takes its part of their sum.
     pub(crate) fn refined_within(self, factors: f64, permitted: f64) -> Self {
-        let residual = 1.0 - factors - self.lost();
+        let lost = self.lost();
+        let residual = 1.0 - factors - lost;
         let taken = if residual.abs() <= permitted {
             residual
         } else {
             residual - permitted.copysign(residual)
         };
-        Self::from_array(self.deal(self.to_array(), taken, [1.0; 3]).0)
+        let scale = if lost > 0.0 { (1.0 + taken / lost).max(0.0) } else { 1.0 };
+        Self::from_array(self.to_array().map(|share| share * scale))
     }
 
     /// Distributes `residual` over `shares`, none of which may exceed its `most`. Returns the new shares and the rest.
