@@ -206,6 +206,10 @@ const DIFFERENT: f64 = 2.0;
 /// Permitted error of a row's sum where no tolerance is asked for. A choice.
 const USUAL_SUM: f64 = 0.02;
 
+/// Number of rays to patches unseen by the row that a permitted share of them would meet: so many rays tell whether pairs
+/// are missing. A choice.
+const SURE_UNSEEN: f64 = 4.0;
+
 /// Number of times at most that the fractions of a row are moved towards its known sum, each time by three standard
 /// errors at most: where one time does not do, standard errors say too little of it. A choice.
 const MOVES: usize = 8;
@@ -291,6 +295,8 @@ pub(crate) struct Converter<'c> {
     cancel: Option<&'c AtomicBool>,
     /// Rays' shares of the last emitter of which they were asked for.
     ray_shares: Option<(InputPatch, RayShares)>,
+    /// The patches with a column that these rays met.
+    met: Vec<u32>,
     /// Patches in all samples of the row.
     seen: Vec<Seen>,
     exchanges: Option<Exchanges>,
@@ -309,6 +315,7 @@ impl<'c> Converter<'c> {
             correction,
             cancel,
             ray_shares: None,
+            met: Vec::new(),
             seen: Vec::new(),
             exchanges: match correction {
                 Correction::Area(rule) => Some(Exchanges::new(rule)),
@@ -367,6 +374,7 @@ impl<'c> Converter<'c> {
             permitted: self.correction.permitted_sum(),
             receives,
             found: self.ray_shares,
+            met: std::mem::take(&mut self.met),
             crossed: None,
         };
         let corrected = match self.correction {
@@ -401,6 +409,7 @@ impl<'c> Converter<'c> {
             }
         };
         self.ray_shares = balance.found;
+        self.met = balance.met;
         Converted {
             sums,
             shares,
@@ -662,6 +671,8 @@ struct SumBalance<'a, R> {
     receives: R,
     /// Rays' shares of the last emitter of which they were asked for.
     found: Option<(InputPatch, RayShares)>,
+    /// The patches with a column that these rays met, one a ray.
+    met: Vec<u32>,
     /// Whether a one-sided surface crosses the emitter, where that was asked.
     crossed: Option<bool>,
 }
@@ -699,7 +710,12 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// Casts rays until they are enough, or their bound is met; `None` for a patch without area.
     fn refined_until(&mut self, emitter: &Emitter<'_>, is_enough: impl Fn(&RayShares) -> bool) -> Option<RayShares> {
         let mut found = self.look(emitter)?;
-        found.refine(emitter, self.permitted, is_enough, &self.receives);
+        found.refine(
+            emitter,
+            self.permitted,
+            is_enough,
+            noting(&self.receives, &mut self.met),
+        );
         self.found = Some((self.emitter, found));
         Some(found)
     }
@@ -716,7 +732,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         // Sums below 1 that lose nothing by rays may lose what few rays miss, as at the rim of a narrow gap.
         let may_miss = |found: &RayShares| factors < 1.0 && found.none_leaves() > ASKED * self.permitted;
         while off(&found) && (found.error() > sure * self.permitted || may_miss(&found)) {
-            if !found.go_on(emitter, self.permitted, &self.receives) {
+            if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
                 break;
             }
         }
@@ -787,9 +803,36 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     }
 
     /// The rays cast from this patch so far, or first ones; `None` for a patch without area.
-    fn look(&self, emitter: &Emitter<'_>) -> Option<RayShares> {
-        let first = || RayShares::look(emitter, self.permitted, &self.receives);
-        self.cast().or_else(first)
+    fn look(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
+        self.cast().or_else(|| {
+            self.met.clear();
+            RayShares::look(emitter, self.permitted, noting(&self.receives, &mut self.met))
+        })
+    }
+
+    /// The share of the view that rays found in patches which the row does not see; 0 where it is less than what is
+    /// permitted, or no rays were asked for. Its own sum tells nothing of it where the row has too much elsewhere, as
+    /// that of a wall over fine pipes, whose centroid sees one side of each.
+    fn unseen(&mut self, emitter: &Emitter<'_>, row: &impl UnfinishedRow) -> f64 {
+        let permitted = ASKED * self.permitted;
+        let Some(mut found) = self.cast() else { return 0.0 };
+        let unseen = |met: &[u32]| met.iter().filter(|&&patch| !row.sees(patch)).count() as f64;
+        let mut count = unseen(&self.met);
+        // Beyond a standard error of it.
+        let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
+        while is_much(count, &found) && permitted * (found.rays() as f64) < SURE_UNSEEN {
+            let before = self.met.len();
+            if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
+                break;
+            }
+            count += unseen(&self.met[before..]);
+        }
+        self.found = Some((self.emitter, found));
+        if is_much(count, &found) {
+            count / found.rays() as f64
+        } else {
+            0.0
+        }
     }
 
     /// Difference of form factors of this sum from their known sum; `None` if permitted.
@@ -813,13 +856,13 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         refiner: &mut Refiner<'_>,
         moves: usize,
     ) -> Refined {
+        let lacking = self.lacking(emitter, row.sum());
+        let by_sum = lacking.filter(|lacking| lacking.sum > SURELY * lacking.error);
+        let missing = by_sum.map_or(0.0, |lacking| lacking.sum).max(self.unseen(emitter, row));
         let mut refined = Refined::default();
-        let Some(lacking) = self.lacking(emitter, row.sum()) else {
-            return refined;
-        };
-        if lacking.sum > SURELY * lacking.error {
+        if missing > 0.0 {
             let is_known = |patch| !(self.receives)(patch) || row.sees(patch);
-            refined = refiner.find_unseen(emitter, lacking.sum, is_known);
+            refined = refiner.find_unseen(emitter, missing, is_known);
             row.insert(&refiner.unseen);
         }
         for _ in 0..moves {
@@ -845,6 +888,17 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         self.sure_ray_shares(&emitter, factors).map_or(by_hemicubes, |found| {
             found.shares().refined_within(factors, own.min(ASKED * self.permitted))
         })
+    }
+}
+
+/// Tells the patches with a column, and notes those that were asked for.
+fn noting<'a>(receives: &'a impl Fn(u32) -> bool, met: &'a mut Vec<u32>) -> impl FnMut(u32) -> bool + 'a {
+    |patch| {
+        let has_column = receives(patch);
+        if has_column {
+            met.push(patch);
+        }
+        has_column
     }
 }
 

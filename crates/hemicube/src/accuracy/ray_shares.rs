@@ -98,6 +98,11 @@ impl RayShares {
         }
     }
 
+    /// Number of rays cast.
+    pub(crate) fn rays(&self) -> usize {
+        self.rays
+    }
+
     /// Returns whether no share has a standard error above `wanted`.
     pub(crate) fn is_within(&self, wanted: f64) -> bool {
         self.errors().iter().all(|&error| error <= wanted)
@@ -116,7 +121,7 @@ impl RayShares {
 
     /// Casts the first rays from a patch, 64 to 128: a share of twice the permitted error is met by two of them, from a
     /// permitted error of 1/128 on. `None` for a patch without area.
-    pub(crate) fn look(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<Self> {
+    pub(crate) fn look(emitter: &Emitter<'_>, permitted: f64, receives: impl FnMut(u32) -> bool) -> Option<Self> {
         let mut found = Self::default();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 128")]
         let first = permitted.recip().clamp(FIRST as f64, FIRST_MOST as f64) as usize;
@@ -131,17 +136,17 @@ impl RayShares {
         emitter: &Emitter<'_>,
         permitted: f64,
         is_enough: impl Fn(&Self) -> bool,
-        receives: impl Fn(u32) -> bool,
+        mut receives: impl FnMut(u32) -> bool,
     ) {
         while !self.is_measurement() || !is_enough(self) {
-            if !self.go_on(emitter, permitted, &receives) {
+            if !self.go_on(emitter, permitted, &mut receives) {
                 break;
             }
         }
     }
 
     /// Casts as many rays again, 256 at least; returns false where the bound allows none.
-    pub(crate) fn go_on(&mut self, emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> bool {
+    pub(crate) fn go_on(&mut self, emitter: &Emitter<'_>, permitted: f64, receives: impl FnMut(u32) -> bool) -> bool {
         let may = !self.is_at_its_bound(permitted);
         if may {
             self.cast(emitter, (2 * self.rays).max(LEAST), receives);
@@ -149,8 +154,8 @@ impl RayShares {
         may
     }
 
-    /// Casts rays until there are `wanted`. `receives` tells the patches with a column. None from a patch without area.
-    fn cast(&mut self, emitter: &Emitter<'_>, wanted: usize, receives: impl Fn(u32) -> bool) {
+    /// Casts rays until there are `wanted`. `receives` is asked of each patch met and tells the patches with a column. None from a patch without area.
+    fn cast(&mut self, emitter: &Emitter<'_>, wanted: usize, mut receives: impl FnMut(u32) -> bool) {
         let geometry = emitter.model.geometry();
         let (tree, wide) = (
             Tree::of(geometry),
@@ -177,7 +182,8 @@ impl RayShares {
                 let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
                 let ends = [from, from + towards * FAR];
                 WideTree::begin(&mut pending);
-                let next = |segment: &Segment| wide.next(segment, &mut pending);
+                let segment = Segment::new(ends[0], ends[1], tree.plane_tolerance);
+                let next = |until: f64| wide.next(&segment, until, &mut pending);
                 let met = nearest_of(&tree, ends, &horizon, next, &mut self.blocks);
                 match met.map(|met| met.id) {
                     None => self.met[0] += 1,
@@ -261,7 +267,15 @@ pub(crate) struct Met {
 pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
     pending.clear();
     pending.push(0);
-    let next = |segment: &Segment| next_block(tree, segment, pending);
+    let mut segment = Segment::new(start, end, tree.plane_tolerance);
+    let mut length = 1.0;
+    let next = |until: f64| {
+        if until < length {
+            length = until;
+            segment = Segment::new(start, start + (end - start) * until, tree.plane_tolerance);
+        }
+        next_block(tree, &segment, pending)
+    };
     let mut blocks = 0;
     let met = nearest_of(tree, [start, end], horizon, next, &mut blocks);
     // And the way to where there is none.
@@ -269,19 +283,19 @@ pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pe
     met
 }
 
-/// [`nearest`], of the blocks of triangles that `next` finds on the way; adds them to `blocks`.
+/// [`nearest`], of the blocks of triangles that `next` finds on the way up to a place; adds them to `blocks`.
 fn nearest_of(
     tree: &Tree,
     [start, end]: [DVec3; 2],
     horizon: &Plane,
-    mut next: impl FnMut(&Segment) -> Option<u32>,
+    mut next: impl FnMut(f64) -> Option<u32>,
     blocks: &mut u64,
 ) -> Option<Met> {
     let along = end - start;
-    let mut segment = Segment::new(start, end, tree.plane_tolerance);
+    let mut until = 1.0;
     let mut first: Option<Met> = None;
     let ends = [start.to_array(), end.to_array()];
-    while let Some(leaf) = next(&segment) {
+    while let Some(leaf) = next(until) {
         *blocks += 1;
         let block = &tree.blocks[leaf as usize];
         let mut places = [f64::INFINITY; LANES];
@@ -315,8 +329,7 @@ fn nearest_of(
             if wins {
                 first = Some(found);
                 // Triangles at the same place are still looked at.
-                let place = (found.place + tie).min(1.0);
-                segment = Segment::new(start, start + along * place, tree.plane_tolerance);
+                until = (found.place + tie).min(1.0);
             }
         }
     }
@@ -419,7 +432,7 @@ mod tests {
     }
 
     /// Both halves of the lower square together.
-    fn of_lower(model: &Model, receives: impl Fn(u32) -> bool + Copy) -> RowShares {
+    fn of_lower(model: &Model, receives: impl FnMut(u32) -> bool + Copy) -> RowShares {
         let [a, b] = [0, 1].map(|patch| {
             measure(&Emitter::new(model, InputPatch(patch)), PERMITTED, receives)
                 .expect("it has area")

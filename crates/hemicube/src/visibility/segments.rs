@@ -81,7 +81,7 @@ impl<'a> Segments<'a> {
         WideTree::begin(&mut pending);
         let mut stopped = false;
         let mut met = 0u64;
-        while let Some(leaf) = wide.next(&segment, &mut pending) {
+        while let Some(leaf) = wide.next(&segment, 1.0, &mut pending) {
             met += 1;
             if self.last != Some(leaf) && self.stops(leaf, &segment, at) {
                 self.last = Some(leaf);

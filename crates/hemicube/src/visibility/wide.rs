@@ -31,8 +31,16 @@ pub(crate) struct WideTree {
     nodes: Vec<WideNode>,
 }
 
-/// Children of wide nodes that a segment is still to look at.
-pub(crate) type Pending = Vec<u32>;
+/// A child of a wide node that a segment meets.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reached {
+    /// Where the segment enters its box, in parts of the segment's length.
+    from: f64,
+    child: u32,
+}
+
+/// The children that a segment is still to look at.
+pub(crate) type Pending = Vec<Reached>;
 
 impl WideTree {
     /// Collapses a binary tree: of up to eight descendants of a node, the inner one with the largest surface is opened
@@ -76,12 +84,13 @@ impl WideTree {
     /// Begins a segment's way down.
     pub(crate) fn begin(pending: &mut Pending) {
         pending.clear();
-        pending.push(0);
+        pending.push(Reached { from: 0.0, child: 0 });
     }
 
-    /// The next block with a box that the segment meets; of a node's children, the nearest first.
-    pub(crate) fn next(&self, segment: &Segment, pending: &mut Pending) -> Option<u32> {
-        next_by(InstructionSet::widest(), self, segment, pending)
+    /// The next block with a box that the segment meets before `until`, in parts of its length; of a node's children, the
+    /// nearest first.
+    pub(crate) fn next(&self, segment: &Segment, until: f64, pending: &mut Pending) -> Option<u32> {
+        next_by(InstructionSet::widest(), self, segment, until, pending)
     }
 }
 
@@ -112,13 +121,16 @@ fn largest_inner(tree: &Tree, members: &[u32]) -> Option<usize> {
 
 /// The body of [`WideTree::next`].
 #[inline(always)]
-fn next(tree: &WideTree, segment: &Segment, pending: &mut Pending) -> Option<u32> {
-    while let Some(index) = pending.pop() {
+fn next(tree: &WideTree, segment: &Segment, until: f64, pending: &mut Pending) -> Option<u32> {
+    while let Some(Reached { from, child: index }) = pending.pop() {
+        if from > until {
+            continue;
+        }
         if index & LEAF != 0 {
             return Some(index & !LEAF);
         }
         let node = &tree.nodes[index as usize];
-        let (mut from, mut to) = ([0.0f64; WIDTH], [1.0f64; WIDTH]);
+        let (mut from, mut to) = ([0.0f64; WIDTH], [until; WIDTH]);
         for a in 0..3 {
             let (start, inverse) = (segment.start[a], segment.inverse[a]);
             let size = inverse.abs();
@@ -138,29 +150,33 @@ fn next(tree: &WideTree, segment: &Segment, pending: &mut Pending) -> Option<u32
         for l in 0..WIDTH {
             mask |= u8::from(met[l] != 0) << l;
         }
+        let reached = |l: usize| Reached {
+            from: from[l],
+            child: node.child[l],
+        };
         // All but the nearest, then the nearest: it is popped first.
         let mut nearest: Option<usize> = None;
         while mask != 0 {
             let l = mask.trailing_zeros() as usize;
             mask &= mask - 1;
             match nearest {
-                Some(best) if from[best] <= from[l] => pending.push(node.child[l]),
+                Some(best) if from[best] <= from[l] => pending.push(reached(l)),
                 Some(best) => {
-                    pending.push(node.child[best]);
+                    pending.push(reached(best));
                     nearest = Some(l);
                 }
                 None => nearest = Some(l),
             }
         }
         if let Some(best) = nearest {
-            pending.push(node.child[best]);
+            pending.push(reached(best));
         }
     }
     None
 }
 
 dispatch! {
-    fn next_by = next(tree: &WideTree, segment: &Segment, pending: &mut Pending) -> Option<u32>
+    fn next_by = next(tree: &WideTree, segment: &Segment, until: f64, pending: &mut Pending) -> Option<u32>
 }
 
 #[cfg(test)]
@@ -193,14 +209,14 @@ mod tests {
                 axial += 1;
             }
             let segment = Segment::new(start, end, tree.plane_tolerance);
-            let (mut pending, mut binary) = (vec![0], BTreeSet::new());
-            while let Some(block) = next_block(&tree, &segment, &mut pending) {
+            let (mut pending, mut of_binary, mut binary) = (Pending::new(), vec![0], BTreeSet::new());
+            while let Some(block) = next_block(&tree, &segment, &mut of_binary) {
                 binary.insert(block);
             }
             for set in InstructionSet::all() {
                 let mut found = BTreeSet::new();
                 WideTree::begin(&mut pending);
-                while let Some(block) = next_by(set, &wide, &segment, &mut pending) {
+                while let Some(block) = next_by(set, &wide, &segment, 1.0, &mut pending) {
                     assert!(found.insert(block), "block {block} twice");
                 }
                 assert!(found.is_superset(&binary), "{start} to {end}: {binary:?}, {found:?}");
@@ -218,6 +234,6 @@ mod tests {
         let segment = Segment::new(DVec3::ZERO, DVec3::ONE, 1e-9);
         let mut pending = Pending::new();
         WideTree::begin(&mut pending);
-        assert_eq!(none.next(&segment, &mut pending), None);
+        assert_eq!(none.next(&segment, 1.0, &mut pending), None);
     }
 }
