@@ -502,28 +502,40 @@ impl<'c> Converter<'c> {
         };
         let samples = weights.samples;
         let share = 1.0 / samples.max(1) as f64;
-        let seen = self.seen.chunk_by(|a, b| a.patch == b.patch).map(|group| {
-            let mean = share * group.iter().map(Seen::fraction).sum::<f64>();
-            let is_seen_by_all = group.len() == samples;
-            (group[0].patch, if is_seen_by_all { mean } else { mean.min(0.999) })
-        });
-        let usual = refiner.make_strict(is_strict);
-        let mut refined = refiner.row(
-            balance.model,
-            balance.emitter,
-            seen,
-            attempt.is_large,
-            &balance.receives,
-        );
-        refiner.set(usual);
-        let mut row = std::mem::take(&mut refiner.pairs);
-        if !refiner.measures_each() && !attempt.is_large && weights.sees_anything {
-            let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
-            let moves = if may_move { MOVES } else { 0 };
-            let emitter = &Emitter::new(balance.model, balance.emitter);
-            let added = balance.add_up(emitter, &mut row, refiner, moves);
-            refined.rays += added.rays;
-            refined.points += added.points;
+        let groups = &self.seen;
+        let seen = || {
+            groups.chunk_by(|a, b| a.patch == b.patch).map(|group| {
+                let mean = share * group.iter().map(Seen::fraction).sum::<f64>();
+                let is_seen_by_all = group.len() == samples;
+                (group[0].patch, if is_seen_by_all { mean } else { mean.min(0.999) })
+            })
+        };
+        let adds_up = !refiner.measures_each() && !attempt.is_large && weights.sees_anything;
+        let finish = |refiner: &mut Refiner<'_>, balance: &mut SumBalance<'_, _>, is_strict: bool| {
+            let (model, emitter) = (balance.model, balance.emitter);
+            let usual = refiner.make_strict(is_strict);
+            let mut refined = refiner.row(model, emitter, seen(), attempt.is_large, &balance.receives);
+            refiner.set(usual);
+            let mut row = std::mem::take(&mut refiner.pairs);
+            if adds_up {
+                let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
+                let moves = if may_move { MOVES } else { 0 };
+                let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, moves);
+                refined.rays += added.rays;
+                refined.points += added.points;
+            }
+            (row, refined)
+        };
+        let (mut row, mut refined) = finish(refiner, balance, is_strict);
+        // Entries that did not move far enough are surer of themselves than they are right.
+        if adds_up && !is_strict && balance.is_surely_off(row.sum()) {
+            let again;
+            (row, again) = finish(refiner, balance, true);
+            refined = Refined {
+                rays: refined.rays + again.rays,
+                points: refined.points + again.points,
+                ..again
+            };
         }
         for pair in &row {
             push(part, pair.patch, pair.factor());
@@ -845,6 +857,14 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         let error = found.error();
         let noise = if self.agree(factors) { SURE_OF_BOTH * error } else { 0.0 };
         (sum.abs() > noise.max(ASKED * self.permitted)).then_some(Lacking { sum, error })
+    }
+
+    /// Returns whether form factors of this sum are still off their known one by more than permitted, and by more than
+    /// rays may be.
+    fn is_surely_off(&mut self, factors: f64) -> bool {
+        let emitter = Emitter::new(self.model, self.emitter);
+        let lacking = self.lacking(&emitter, factors);
+        lacking.is_some_and(|lacking| lacking.sum.abs() > SURE_OF_BOTH * lacking.error)
     }
 
     /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
