@@ -362,6 +362,42 @@ fn a_pair_that_is_nearly_hidden_keeps_a_millionth_of_what_is_seen() {
     tally.finish("a pair that is nearly hidden");
 }
 
+/// A plate a hundredth high on a patch, under a box that juts out over it: from beside the plate, its edge passes the
+/// places where the box's edge and the end of the ceiling meet within a two hundredth of the cell there. No line knows
+/// of three edges, and no point was so near: it was 1.6 bounds off.
+#[test]
+fn three_edges_that_pass_each_other_beside_a_thin_plate() {
+    let boxes: [Block; 2] = [
+        [[1.209, 0.902, 1.105], [0.856, 0.938, 0.01]],
+        [[1.142, 0.784, 1.115], [0.861, 1.158, 0.853]],
+    ];
+    let p = DVec3::new;
+    let pair = [
+        [p(1.153, 0.824, 1.105), p(2.304, 1.259, 1.105), p(1.153, 1.259, 1.105)],
+        [p(0.0, 0.0, 3.0), p(0.0, 5.0, 3.0), p(6.0, 5.0, 3.0)],
+    ];
+    let faces = boxes.iter().flat_map(|&[low, size]| {
+        let [low, size] = [low, size].map(DVec3::from_array);
+        let faces = box_inside(DVec3::ONE).into_iter();
+        faces.flat_map(move |face| quad(flipped(face).map(|p| low + p * size)))
+    });
+    let scene = scene_of(pair.into_iter().chain(faces));
+    let (_, finest) = measured(scene.clone(), ROTATED, 1e-7);
+    let (_, found) = measured(scene, ROTATED, ASKED);
+    let mut tally = Tally::default();
+    for (from, to) in [(0, 1), (1, 0)] {
+        let (from, to) = (InputPatch(from), InputPatch(to));
+        let exact = finest.get(from, to);
+        tally.hold(
+            || format!("{from:?} to {to:?}"),
+            found.get(from, to),
+            exact,
+            bound(exact, ASKED),
+        );
+    }
+    tally.finish("beside a thin plate");
+}
+
 /// Boxes of a room of 6 × 5 × 3 that float in it, apart from each other: their lowest corners and sizes.
 fn boxes() -> impl Strategy<Value = Vec<[DVec3; 2]>> {
     let coordinate = |low: i32, high: i32| (low..high).prop_map(|n| f64::from(n) / 1e3);
@@ -514,14 +550,15 @@ fn grazing_plates_keep_their_tolerance() {
     }
 }
 
-/// Twelve rooms of boxes in touch: no pair is off by more than its bound.
+/// Twelve rooms of boxes in touch, and one each of eleven other seeds: no pair is off by more than its bound.
 #[test]
 #[ignore = "takes minutes: rooms at 10⁻⁷"]
 fn rooms_with_boxes_in_touch_keep_a_millionth() {
     let mut random = Random(27);
+    let drawn = (0..12).map(|_| in_touch(&mut random)).collect::<Vec<_>>();
+    let others = (100..111).map(|seed| in_touch(&mut Random(seed)));
     let mut all = Vec::new();
-    for number in 0..12 {
-        let boxes = in_touch(&mut random);
+    for (number, boxes) in drawn.into_iter().chain(others).enumerate() {
         let scene = room_with(&boxes);
         let (_, finest) = measured(scene.clone(), ROTATED, 1e-7);
         for tolerance in [1e-5, 1e-6] {

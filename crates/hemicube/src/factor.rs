@@ -696,32 +696,74 @@ pub(crate) fn corner_points([a, b, c]: &[DVec3; 3]) -> [DVec3; 3] {
 pub(crate) fn corner_rules() -> &'static [[f64; 19]; 3] {
     static RULES: OnceLock<[[f64; 19]; 3]> = OnceLock::new();
     RULES.get_or_init(|| {
-        let cell = [DVec3::X, DVec3::Y, DVec3::Z];
-        let (points, corners) = (nineteen(&cell), corner_points(&cell));
-        // Orthonormal polynomials over the nineteen points, each with its values at the corner points.
-        let mut basis: Vec<([f64; 19], [f64; 3])> = Vec::new();
-        for (i, j) in (0..=4).flat_map(|i| (0..=4 - i).map(move |j| (i, j))) {
-            let monomial = |p: DVec3| p.x.powi(i) * p.y.powi(j);
-            let (mut at_points, mut at_corners) = (points.map(|(p, _)| monomial(p)), corners.map(monomial));
-            for _ in 0..2 {
-                for (of_points, of_corners) in &basis {
-                    let share = dot(&at_points, of_points);
-                    at_points.iter_mut().zip(of_points).for_each(|(x, b)| *x -= share * b);
-                    at_corners.iter_mut().zip(of_corners).for_each(|(x, b)| *x -= share * b);
-                }
-            }
-            let length = dot(&at_points, &at_points).sqrt();
-            basis.push((at_points.map(|x| x / length), at_corners.map(|x| x / length)));
+        let corners = corner_points(&[DVec3::X, DVec3::Y, DVec3::Z]);
+        rules_of_polynomials(|i, j| corners.map(|p| p.x.powi(i) * p.y.powi(j)))
+    })
+}
+
+/// The monomials of degree 4, by the powers of the first two barycentric coordinates.
+const MONOMIALS: [(i32, i32); 15] = {
+    let mut all = [(0, 0); 15];
+    let (mut i, mut k) = (0, 0);
+    while i <= 4 {
+        let mut j = 0;
+        while j <= 4 - i {
+            all[k] = (i, j);
+            (j, k) = (j + 1, k + 1);
         }
-        [0, 1, 2].map(|corner| {
-            let mut rule = [0.0; 19];
-            for (of_points, of_corners) in &basis {
-                for (weight, x) in rule.iter_mut().zip(of_points) {
-                    *weight += x * of_corners[corner];
-                }
+        i += 1;
+    }
+    all
+};
+
+/// The polynomial of degree 4 through a function's values at the nineteen points, by least squares.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fitted([f64; 15]);
+
+impl Fitted {
+    pub(crate) fn of(values: &[f64; 19]) -> Self {
+        static RULES: OnceLock<[[f64; 19]; 15]> = OnceLock::new();
+        let rules = RULES.get_or_init(|| {
+            rules_of_polynomials(|i, j| MONOMIALS.map(|other| if other == (i, j) { 1.0 } else { 0.0 }))
+        });
+        Self(rules.map(|rule| dot(&rule, values)))
+    }
+
+    /// Its value at a point of barycentric coordinates.
+    pub(crate) fn at(&self, barycentric: [f64; 3]) -> f64 {
+        let [x, y, _] = barycentric;
+        let terms = MONOMIALS.iter().zip(self.0);
+        terms
+            .map(|(&(i, j), coefficient)| coefficient * x.powi(i) * y.powi(j))
+            .sum()
+    }
+}
+
+/// Rules of the nineteen points for what is linear in a polynomial of degree 4, N numbers of each monomial x^i y^j.
+fn rules_of_polynomials<const N: usize>(of_monomial: impl Fn(i32, i32) -> [f64; N]) -> [[f64; 19]; N] {
+    let points = nineteen(&[DVec3::X, DVec3::Y, DVec3::Z]);
+    // Orthonormal polynomials over the nineteen points, each with its numbers.
+    let mut basis: Vec<([f64; 19], [f64; N])> = Vec::new();
+    for (i, j) in MONOMIALS {
+        let (mut at_points, mut numbers) = (points.map(|(p, _)| p.x.powi(i) * p.y.powi(j)), of_monomial(i, j));
+        for _ in 0..2 {
+            for (of_points, of_numbers) in &basis {
+                let share = dot(&at_points, of_points);
+                at_points.iter_mut().zip(of_points).for_each(|(x, b)| *x -= share * b);
+                numbers.iter_mut().zip(of_numbers).for_each(|(x, b)| *x -= share * b);
             }
-            rule
-        })
+        }
+        let length = dot(&at_points, &at_points).sqrt();
+        basis.push((at_points.map(|x| x / length), numbers.map(|x| x / length)));
+    }
+    std::array::from_fn(|k| {
+        let mut rule = [0.0; 19];
+        for (of_points, of_numbers) in &basis {
+            for (weight, x) in rule.iter_mut().zip(of_points) {
+                *weight += x * of_numbers[k];
+            }
+        }
+        rule
     })
 }
 
@@ -810,6 +852,20 @@ mod tests {
             let of = |p: DVec3| if p.distance(corner) < 0.02 { 1.0 } else { 0.0 };
             let off = dot(rule, &points.map(|(p, _)| of(p))) - of(corner);
             assert!((off + 1.0).abs() < 1e-12, "{off}");
+        }
+    }
+
+    #[test]
+    fn a_fitted_polynomial_has_the_values_of_those_of_degree_four() {
+        let points = nineteen(&[DVec3::X, DVec3::Y, DVec3::Z]);
+        for (i, j) in (0..=5).flat_map(|i| (0..=5 - i).map(move |j| (i, j))) {
+            let of = |p: DVec3| p.x.powi(i) * p.z.powi(j);
+            let fitted = Fitted::of(&points.map(|(p, _)| of(p)));
+            for [x, y] in [[0.0, 0.0], [1.0, 0.0], [0.3, 0.6], [0.01, 0.98], [0.2, 0.2]] {
+                let p = DVec3::new(x, y, 1.0 - x - y);
+                let off = (fitted.at(p.to_array()) - of(p)).abs();
+                assert!(i + j > 4 || off < 1e-12, "x^{i} z^{j} at {p}: {off}");
+            }
         }
     }
 

@@ -13,6 +13,8 @@ const WIDTH: usize = 8;
 const NONE: u32 = u32::MAX;
 /// Marks a child as a leaf: the rest is its block's index.
 const LEAF: u32 = 1 << 31;
+/// The bit of each lane.
+const BITS: [u64; WIDTH] = [1, 2, 4, 8, 16, 32, 64, 128];
 /// Half a side of an unused lane's box: less than any segment's slack can widen to a box.
 const INSIDE_OUT: f64 = -1e9;
 
@@ -142,13 +144,10 @@ fn next(tree: &WideTree, segment: &Segment, until: f64, pending: &mut Pending) -
                 to[l] = least(to[l], middle + extent);
             }
         }
-        let mut met = [0u64; WIDTH];
+        // A bit of its own for each lane, so that the mask is their sum.
+        let mut mask = 0u64;
         for l in 0..WIDTH {
-            met[l] = u64::from(from[l] <= to[l]);
-        }
-        let mut mask = 0u8;
-        for l in 0..WIDTH {
-            mask |= u8::from(met[l] != 0) << l;
+            mask |= if from[l] <= to[l] { BITS[l] } else { 0 };
         }
         let reached = |l: usize| Reached {
             from: from[l],

@@ -26,7 +26,7 @@
 use super::shadows::Shadows;
 use super::{Effect, MOST_OCCLUDERS, Occluder, Polygon, ROUNDING, Sides};
 use crate::factor::{
-    EdgeTerms, LANES, RULES, contour, corner_points, corner_rules, nineteen, null_rules, point_to_polygon,
+    EdgeTerms, Fitted, LANES, RULES, contour, corner_points, corner_rules, nineteen, null_rules, point_to_polygon,
 };
 use crate::geometry::{self, crossing, in_front};
 use crate::visibility::bodies::{Bodies, BodyEdge};
@@ -36,6 +36,7 @@ use glam::DVec3;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Bound of the shadows' pieces from one point.
 const MOST_PIECES: usize = 200;
@@ -71,6 +72,11 @@ const AT_CORNER: f64 = 0.01;
 /// Distance of an edge from a cell, in parts of the cell's extent beside it, below which points may all be too far
 /// away to see what is next to it. A choice: the nearest points are some 0.03 away.
 const NEXT_TO: f64 = 0.02;
+/// Distance of an edge from a cell, in parts of the cell's extent beside it, below which B is taken next to the edge,
+/// too. A choice.
+const LOOKED_AT: f64 = 0.1;
+/// Part of a cell's extent next to an edge that no point of a rule lies in.
+const UNSEEN_DEPTH: f64 = 0.03;
 /// Slope of an edge up to which it runs along the outer plane. Steeper ones pass it at one place.
 const LEVEL: f64 = 0.1;
 /// Bound of the faces of a body whose shadow is one polygon: such a shadow has eight corners at most.
@@ -101,6 +107,37 @@ struct NearEdge {
     ends: [DVec3; 2],
     /// The occluder; `None` for an edge of the target.
     of: Option<u32>,
+}
+
+/// What a cell has beside an edge that runs along it.
+struct Beside {
+    /// What its points may miss, and the line to cut it along; `None` where they lie near enough.
+    missed: Option<(f64, Straight)>,
+    strip: Strip,
+}
+
+/// The part of a cell next to an edge.
+#[derive(Clone, Copy, Debug)]
+struct Strip {
+    /// Unit vector of the outer plane across the edge.
+    across: DVec3,
+    /// Where the cell begins, along `across`, and how far it goes from there, with its sign.
+    start: f64,
+    depth: f64,
+    /// True if the edge runs over the cell.
+    is_both: bool,
+    /// Distance of the edge from the cell, in parts of the cell's extent beside it.
+    distance: f64,
+}
+
+/// A place in a strip.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    barycentric: [f64; 3],
+    /// Distance from where the cell begins, with its sign.
+    depth: f64,
+    /// The area that it stands for.
+    area: f64,
 }
 
 /// A line on which the blocked factor is not analytic.
@@ -273,6 +310,8 @@ pub(crate) struct CriticalCells {
     next: Vec<Shape>,
     terms: EdgeTerms,
     shadows: Shadows,
+    /// B at the points of the last cell, where they were taken eight at a time.
+    values: Vec<f64>,
     #[cfg(test)]
     by_pieces_alone: bool,
     points: usize,
@@ -588,7 +627,7 @@ impl CriticalCells {
             let [low, high] = [a, b].map(|p| normal.dot(p - outer[0]));
             let is_level = (high - low).abs() <= LEVEL * a.distance(b);
             let is_above = low.abs().max(high.abs()) > 4.0 * tolerance;
-            if is_level && is_above && low.abs().min(high.abs()) < NEXT_TO * longest {
+            if is_level && is_above && low.abs().min(high.abs()) < LOOKED_AT * longest {
                 self.near_edges.push(NearEdge { ends: [a, b], of });
             }
         }
@@ -851,16 +890,26 @@ impl CriticalCells {
             self.crossing.push(index);
         }
         cell.lines = first..self.crossing.len();
+        // The part next to the nearest edge.
+        let mut strip = None;
         for edge in &self.near_edges {
             let matters = |k: u32| self.relevant[cell.relevant.clone()].contains(&k);
-            if edge.of.is_none_or(matters)
-                && let Some((most, cut)) = edge.beside(&corners, self.shadows.normal, &missed)
+            if !edge.of.is_none_or(matters) {
+                continue;
+            }
+            let Some(beside) = edge.beside(&corners, self.shadows.normal, &missed) else {
+                continue;
+            };
+            if let Some((most, cut)) = beside.missed
                 && most > cell.at_edges
             {
                 cell.at_edges = most;
                 if most > missed.most {
                     (missed.most, cell.worst) = (most, Some(cut));
                 }
+            }
+            if strip.is_none_or(|strip: Strip| beside.strip.distance < strip.distance) {
+                strip = Some(beside.strip);
             }
         }
         if let Some(heights) = contact
@@ -872,6 +921,15 @@ impl CriticalCells {
             return Some(());
         }
         self.evaluate(&mut cell, view)?;
+        if let Some(strip) = strip
+            && let Some((most, cut)) = self.off_beside(&cell.corners, &strip)
+            && most > cell.at_edges
+        {
+            cell.at_edges = most;
+            if most > missed.most {
+                (missed.most, cell.worst) = (most, Some(cut));
+            }
+        }
         // What begins beyond a line may have been missed, and both rules may agree on it by chance.
         cell.error = cell.difference.max(cell.at_corners).max(missed.most);
         out.push(cell);
@@ -946,6 +1004,7 @@ impl CriticalCells {
     /// Integrates B over a cell by both rules.
     fn evaluate(&mut self, cell: &mut Cell, view: &View<'_>) -> Option<()> {
         let area = geometry::area(&cell.corners);
+        self.values.clear();
         let sums = match self.sums_by_eights(cell, view) {
             Some(sums) => sums,
             None => self.sums_by_pieces(cell, view)?,
@@ -974,18 +1033,19 @@ impl CriticalCells {
         if self.shadows.cones.len() > MOST_CONES {
             return None;
         }
-        let points = weighted_points(&cell.corners);
+        let (points, weights) = (points(&cell.corners), weights());
         let mut sums = [0.0; RULES];
-        for some in points.chunks(LANES) {
+        for (some, weights) in points.chunks(LANES).zip(weights.chunks(LANES)) {
             let mut at = [[0.0; LANES]; 3];
             for l in 0..LANES {
-                let (x, _) = some[l.min(some.len() - 1)];
+                let x = some[l.min(some.len() - 1)];
                 for (of_axis, x) in at.iter_mut().zip(x.to_array()) {
                     of_axis[l] = x;
                 }
             }
             let factors = self.shadows.factors(&at)?;
-            for ((_, weights), factor) in some.iter().zip(factors) {
+            self.values.extend_from_slice(&factors[..some.len()]);
+            for (weights, factor) in weights.iter().zip(factors) {
                 for (sum, weight) in sums.iter_mut().zip(weights) {
                     *sum += factor * weight;
                 }
@@ -994,10 +1054,43 @@ impl CriticalCells {
         Some(sums)
     }
 
+    /// What B next to an edge is off the polynomial through the nineteen points, over the part of the last cell there,
+    /// and the line to cut it along. `None` where shadows are taken by pieces.
+    ///
+    /// At a height z, all that the edge hides turns within z of it. What it passes there may be places where two other
+    /// edges meet in sight, on curves which no line knows of.
+    #[inline(never)]
+    fn off_beside(&mut self, corners: &[DVec3; 3], strip: &Strip) -> Option<(f64, Straight)> {
+        let values: [f64; 19] = self.values.get(..19)?.try_into().ok()?;
+        let places = strip.places(corners);
+        let mut at = [[0.0; LANES]; 3];
+        for l in 0..LANES {
+            let x = places[l].at(corners);
+            for (of_axis, x) in at.iter_mut().zip(x.to_array()) {
+                of_axis[l] = x;
+            }
+        }
+        let factors = self.shadows.factors(&at)?;
+        self.points += LANES;
+        let fitted = Fitted::of(&values);
+        let mut off = [0.0; LANES];
+        for l in 0..LANES {
+            off[l] = places[l].area * (factors[l] - fitted.at(places[l].barycentric)).abs();
+        }
+        let all: f64 = off.iter().sum();
+        // From there on to the edge lie three quarters of it.
+        let mut so_far = 0.0;
+        let from = (0..LANES).find(|&l| {
+            so_far += off[l];
+            so_far >= 0.25 * all
+        })?;
+        Some((all, strip.straight(places[from].depth)))
+    }
+
     /// The sums of a cell's rules, by pieces of polygons; `None` with too many pieces.
     fn sums_by_pieces(&mut self, cell: &Cell, view: &View<'_>) -> Option<[f64; RULES]> {
-        for (x, weights) in weighted_points(&cell.corners) {
-            self.point(x, weights, &cell.relevant, view)?;
+        for (x, weights) in points(&cell.corners).into_iter().zip(weights()) {
+            self.point(x, *weights, &cell.relevant, view)?;
         }
         Some(self.terms.finish())
     }
@@ -1161,21 +1254,32 @@ impl CriticalCells {
     }
 }
 
-/// Points of a cell, each with its weights: in the rules of degree 5 and 8, in three null rules, and in what each of the
-/// corner points is off the polynomial through the nineteen others.
-fn weighted_points(cell: &[DVec3; 3]) -> [(DVec3, [f64; RULES]); POINTS] {
-    let (nulls, corners) = (null_rules(), corner_rules());
-    let mut points = [(DVec3::ZERO, [0.0; RULES]); POINTS];
-    for (k, (x, [fifth, eighth])) in nineteen(cell).into_iter().enumerate() {
-        let [one, two, three] = nulls.map(|rule| rule[k]);
-        let [p, q, r] = corners.map(|rule| -rule[k]);
-        points[k] = (x, [fifth, eighth, one, two, three, p, q, r]);
+/// The weights of a cell's points: in the rules of degree 5 and 8, in three null rules, and in what each of the corner
+/// points is off the polynomial through the nineteen others.
+fn weights() -> &'static [[f64; RULES]; POINTS] {
+    static WEIGHTS: OnceLock<[[f64; RULES]; POINTS]> = OnceLock::new();
+    WEIGHTS.get_or_init(|| {
+        let (nulls, corners) = (null_rules(), corner_rules());
+        let mut weights = [[0.0; RULES]; POINTS];
+        for (k, (_, [fifth, eighth])) in nineteen(&[DVec3::ZERO; 3]).into_iter().enumerate() {
+            let [one, two, three] = nulls.map(|rule| rule[k]);
+            let [p, q, r] = corners.map(|rule| -rule[k]);
+            weights[k] = [fifth, eighth, one, two, three, p, q, r];
+        }
+        for k in 0..3 {
+            weights[POINTS - 3 + k][RULES - 3 + k] = 1.0;
+        }
+        weights
+    })
+}
+
+/// Points of a cell: the nineteen, and one near each corner.
+fn points(cell: &[DVec3; 3]) -> [DVec3; POINTS] {
+    let mut points = [DVec3::ZERO; POINTS];
+    for (point, (x, _)) in points.iter_mut().zip(nineteen(cell)) {
+        *point = x;
     }
-    for (k, x) in corner_points(cell).into_iter().enumerate() {
-        let weights = &mut points[POINTS - 3 + k];
-        weights.0 = x;
-        weights.1[RULES - 3 + k] = 1.0;
-    }
+    points[POINTS - 3..].copy_from_slice(&corner_points(cell));
     points
 }
 
@@ -1257,9 +1361,8 @@ impl OuterPlane<'_> {
 }
 
 impl NearEdge {
-    /// What points of a cell may miss beside the edge, and the line to cut it along; `None` where points lie near
-    /// enough.
-    fn beside(&self, cell: &[DVec3; 3], normal: DVec3, missed: &Missed) -> Option<(f64, Straight)> {
+    /// What a cell has beside the edge; `None` where points lie near enough.
+    fn beside(&self, cell: &[DVec3; 3], normal: DVec3, missed: &Missed) -> Option<Beside> {
         let [a, b] = self.ends;
         let height = |p: DVec3| normal.dot(p - cell[0]).abs();
         let along = (b - a) - normal * normal.dot(b - a);
@@ -1280,9 +1383,19 @@ impl NearEdge {
         let z = at(from).max(at(to));
         // At s, F° is as much as the band below the edge.
         let s = z * (0.5 * missed.of_band / missed.whole).sqrt();
+        let strip = Strip {
+            across,
+            start: across.dot(a) + far.signum() * gap,
+            depth: far - far.signum() * gap,
+            is_both: low < 0.0 && high > 0.0,
+            distance: gap.hypot(z) / far.abs(),
+        };
+        if strip.distance >= LOOKED_AT {
+            return None;
+        }
         let distance = gap.hypot(z.max(s));
         if distance >= NEXT_TO * far.abs() {
-            return None;
+            return Some(Beside { missed: None, strip });
         }
         let of_strip = if gap < s {
             missed.whole * (2.0 * s - gap)
@@ -1295,7 +1408,70 @@ impl NearEdge {
             normal: across,
             offset: across.dot(a) + far.signum() * (distance * far.abs()).sqrt(),
         };
-        Some((share, cut))
+        Some(Beside {
+            missed: Some((share, cut)),
+            strip,
+        })
+    }
+}
+
+impl Strip {
+    /// Eight places in the middle of the cell's width there, each half as deep as the one before; on both sides of the
+    /// edge four, each a quarter as deep as the last one on its side.
+    fn places(&self, cell: &[DVec3; 3]) -> [Place; LANES] {
+        let area = geometry::area(cell);
+        let sides = cell.map(|p| self.across.dot(p) - self.start);
+        let mut depth = UNSEEN_DEPTH * self.depth;
+        std::array::from_fn(|k| {
+            let at = depth;
+            let thickness = if k + 1 == LANES || (self.is_both && k + 2 == LANES) {
+                at
+            } else if self.is_both {
+                0.75 * at
+            } else {
+                0.5 * at
+            };
+            depth *= match (self.is_both, k % 2 == 0) {
+                (false, _) => 0.5,
+                (true, true) => -1.0,
+                (true, false) => -0.25,
+            };
+            // The ends of the cell's part at this depth, in barycentric coordinates.
+            let mut ends = [[1.0, 0.0, 0.0]; 2];
+            let mut count = 0;
+            for p in 0..3 {
+                let q = (p + 1) % 3;
+                let (hp, hq) = (sides[p] - at, sides[q] - at);
+                if (hp < 0.0) != (hq < 0.0) && count < 2 {
+                    let share = hp / (hp - hq);
+                    let mut end = [0.0; 3];
+                    (end[p], end[q]) = (1.0 - share, share);
+                    ends[count] = end;
+                    count += 1;
+                }
+            }
+            let [p, q] = ends.map(|end| cell[0] * end[0] + cell[1] * end[1] + cell[2] * end[2]);
+            Place {
+                barycentric: [0, 1, 2].map(|k| 0.5 * (ends[0][k] + ends[1][k])),
+                depth: at,
+                area: (p.distance(q) * thickness.abs()).min(area),
+            }
+        })
+    }
+
+    /// The line at a depth.
+    fn straight(&self, depth: f64) -> Straight {
+        Straight {
+            normal: self.across,
+            offset: self.start + depth,
+        }
+    }
+}
+
+impl Place {
+    fn at(&self, [a, b, c]: &[DVec3; 3]) -> DVec3 {
+        let [x, y, z] = self.barycentric;
+        *a * x + *b * y + *c * z
     }
 }
 
