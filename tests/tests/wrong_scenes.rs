@@ -397,6 +397,40 @@ fn canopies_panels_and_zones_are_no_false_alarm() {
     assert!(said.len() == 1 && said[0].contains("`--flip chair`"), "{said:?}");
 }
 
+/// A housing without a lid that faces out, around parts that are right: nobody sees the parts, and turned round they would
+/// see themselves. `--flip` of a part was recommended, or of everything.
+#[test]
+fn an_open_housing_is_named_and_not_what_is_in_it() {
+    let place = Place::new();
+    let housing = |faces_in: bool| -> Vec<(String, Quad)> {
+        let open = sides([0.0; 3], [100.0, 80.0, 40.0]).into_iter();
+        let open = open.filter(|(_, quad)| quad.iter().any(|corner| corner[2] < 40.0));
+        let turn = |quad| if faces_in { turned(quad) } else { quad };
+        open.map(|(_, quad)| ("housing".to_owned(), turn(quad))).collect()
+    };
+    let chip = |name: &str, low: f64, high: f64| {
+        let quads = sides([20.0, 20.0, low], [60.0, 50.0, high]);
+        quads.map(|(_, quad)| (name.to_owned(), quad))
+    };
+    let contents: [Vec<(String, Quad)>; 3] = [
+        chip("chip", 5.0, 20.0).into(),
+        chip("chip", 5.0, 20.0)
+            .into_iter()
+            .chain(chip("cooler", 22.0, 35.0))
+            .collect(),
+        chip("chip", 1.0, 4.0).into(),
+    ];
+    for inside in contents {
+        for faces_in in [false, true] {
+            let quads: Vec<_> = housing(faces_in).into_iter().chain(inside.clone()).collect();
+            write(&place, "housing.obj", obj(&quads).as_bytes());
+            let said = sentences(&inspected(&place, "housing.obj"));
+            let named = said.len() == 1 && said[0].contains("`--flip housing`") && !said[0].contains("chip");
+            assert!(if faces_in { said.is_empty() } else { named }, "{faces_in}: {said:?}");
+        }
+    }
+}
+
 /// Solids that stand on each other, all in one object: each sees backs where they touch, and turned round they would
 /// see themselves. Nothing is wrong with them.
 #[test]
@@ -631,7 +665,7 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
     let both = solve("open --materials celsius.toml --ambient 15");
     assert_eq!(questions(&both), [1, 0]);
     assert!(
-        both.contains("20 K of material") && both.contains("15 K of `--ambient`"),
+        both.contains("20 K of faces without a material") && both.contains("15 K of `--ambient`"),
         "{both}"
     );
 }

@@ -516,14 +516,22 @@ impl Rays<'_> {
     }
 
     /// Returns whether others see only backs of these objects, or nobody sees them, and their other side faces a nearly
-    /// closed space.
+    /// closed space, or is a hollow that sees itself. Where nobody sees them, and most backs that they see are others',
+    /// those are to be turned: a part in a housing that faces out.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
-        let (mut met, mut hidden) = ([0.0; 2], [0.0; 2]);
+        let (mut met, mut hidden, mut hidden_own) = ([0.0; 2], [0.0; 2], 0.0);
+        // Their own backs, and others'.
+        let mut backs = [0.0; 2];
         for &entry in objects.iter().filter_map(|o| self.of.get(o)).flatten() {
             let (kind, count) = self.list[entry];
             let active = Self::is_active(kind, turned);
+            let is_own = matches!(kind.to, To::Front(to) | To::Back(to) if objects.contains(&to));
             if objects.contains(&kind.from) && !active {
                 hidden[usize::from(kind.to == To::Nothing)] += count.weight;
+                hidden_own += if is_own { count.weight } else { 0.0 };
+            }
+            if objects.contains(&kind.from) && active && Self::meets_back(kind, turned) {
+                backs[usize::from(!is_own)] += count.weight;
             }
             if let To::Front(to) | To::Back(to) = kind.to
                 && objects.contains(&to)
@@ -533,7 +541,11 @@ impl Rays<'_> {
                 met[usize::from(Self::meets_back(kind, turned))] += count.weight;
             }
         }
-        met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
+        let [fronts, seen] = met;
+        let is_unseen = fronts + seen == 0.0 && backs[1] > backs[0];
+        let all = hidden[0] + hidden[1];
+        let is_hollow = hidden_own >= INSIDE * all && fronts == 0.0;
+        !is_unseen && seen >= BACKS * (fronts + seen) && (hidden[1] <= OPEN * all || is_hollow)
     }
 
     /// Returns whether these face up and see nothing but sky, in a scene that is open anyway: a roof on posts, a
