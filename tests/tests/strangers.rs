@@ -305,8 +305,8 @@ fn panels_of_a_satellite_are_nodes_of_two_sides() {
     assert!((sum - 1000.0).abs() < 5.0, "{sum}");
 }
 
-/// Three numbers with decimal commas were taken for a point and its direction, and points in millimetres for points of an
-/// open field.
+/// Three numbers with decimal commas were taken for a point and its direction, and points in millimetres for points of
+/// an open field.
 #[test]
 fn tables_in_other_units_and_with_decimal_commas_are_told() {
     let place = Place::new();

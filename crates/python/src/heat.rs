@@ -88,8 +88,8 @@ pub(crate) fn warn_of_surroundings(py: Python<'_>, matrix: &Matrix) -> PyResult<
     warn(
         py,
         &format!(
-            "{share:.1} % of the view leaves the scene, and what lies outside is taken to be at 0 K; `ambient` says how \
-             warm it is, and `ambient=0` that it is cold space"
+            "{share:.1} % of the view leaves the scene, and what lies outside is taken to be at 0 K; `ambient` says \
+             how warm it is, and `ambient=0` that it is cold space"
         ),
     )
 }

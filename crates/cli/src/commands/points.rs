@@ -107,8 +107,8 @@ pub(crate) struct Arguments {
         help_heading = "Heat"
     )]
     pub(crate) sky_temperature: Option<f64>,
-    /// Temperature of what is below the horizon, in kelvin, or as `20 °C` [default: what lay outside for the solution, or
-    /// the sky's]
+    /// Temperature of what is below the horizon, in kelvin, or as `20 °C` [default: what lay outside for the solution,
+    /// or the sky's]
     #[arg(
         long,
         value_name = "KELVIN",

@@ -20,8 +20,8 @@ const SOLID: f64 = 0.55;
 const GROUND: f64 = 0.5;
 /// Most of the fronts in the lower half there.
 const NOTHING: f64 = 0.05;
-/// A point is far off when it is farther from the scene's middle than so many halves of its box: millimetres for metres,
-/// or other coordinates.
+/// A point is far off when it is farther from the scene's middle than so many halves of its box: millimetres for
+/// metres, or other coordinates.
 const FAR: f64 = 25.0;
 /// A point is shut in when so many of the directions end on something.
 const SHUT: f64 = 0.95;
