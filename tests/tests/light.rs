@@ -509,6 +509,54 @@ fn the_sky_is_told_from_backs_though_every_form_factor_is_zero() {
     }
 }
 
+/// A room behind an open side, with a block that hides it from the middles of two surfaces that see it from their rims:
+/// what escapes there by rays was in no column, and the table had the blocked shares of the hemicubes.
+#[test]
+fn shares_of_the_sky_beside_a_matrix_are_the_matrixs() {
+    let place = Place::new();
+    let wall = |x: f64| [[x, 0.0, 0.0], [x, 3.5, 0.0], [x, 3.5, 3.0], [x, 0.0, 3.0]];
+    let turned = |mut quad: [[f64; 3]; 4]| {
+        quad.reverse();
+        quad
+    };
+    let quads = [
+        [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [0.0, 4.0, 0.0]],
+        [[0.0, 0.0, 3.0], [0.0, 4.0, 3.0], [4.0, 4.0, 3.0], [4.0, 0.0, 3.0]],
+        [[0.0, 4.0, 0.0], [4.0, 4.0, 0.0], [4.0, 4.0, 3.0], [0.0, 4.0, 3.0]],
+        [[0.0, 0.0, 0.0], [0.0, 0.0, 3.0], [4.0, 0.0, 3.0], [4.0, 0.0, 0.0]],
+        [[0.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 4.0, 3.0], [0.0, 0.0, 3.0]],
+        turned(wall(1.8)),
+        wall(1.9),
+        [[1.8, 3.5, 0.0], [1.8, 3.5, 3.0], [1.9, 3.5, 3.0], [1.9, 3.5, 0.0]],
+    ];
+    std::fs::write(place.path("slit.obj"), obj(&quads)).expect("written");
+    for settings in ["", "--tolerance 1%"] {
+        place.line(&format!("compute slit.obj -o m {settings} --up z --quiet --overwrite"));
+        place.line("sky slit.obj --store m --csv sky.csv --overwrite --quiet");
+        let store = Store::open(&place.path("m")).expect("a store");
+        let rows = store.row_table().expect("rows").clone();
+        let part = store.part(0).expect("a part").expect("rows");
+        let table = read(&place, "sky.csv");
+        let lost = part
+            .sums
+            .iter()
+            .zip(&rows.escaped)
+            .filter(|(sums, escaped)| sums.escaped == 0 && **escaped > 1e-3);
+        assert!(lost.count() > 0, "{settings}: no row escapes by rays alone");
+        for (patch, line) in table.lines().skip(1).enumerate() {
+            let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap_or(f64::NAN)).collect();
+            let [sky, ground, blocked] = cells[cells.len() - 3..] else {
+                panic!("{line}")
+            };
+            assert!(
+                (sky + ground - rows.escaped[patch]).abs() < 1.1e-3,
+                "{settings}: {line}"
+            );
+            assert_eq!(blocked, rows.blocked[patch], "{settings}: {line}");
+        }
+    }
+}
+
 /// A wall that reaches 4 cm into the ground. Of its lower triangle, f = 1 − (1.96/2)² lies below: that part sees the
 /// ground's back above it, to one half, and the centroid sees none.
 #[test]

@@ -367,10 +367,16 @@ fn what_needs_one_material_says_so() {
         .line("export objects x.csv --by material")
         .is(2)
         .says(&["matrix of patches by object", "by material"]);
-    place
-        .line("solve objects")
-        .is(2)
-        .says(&["`block`", "several materials", "--patches face"]);
+    place.write(
+        "other.toml",
+        "[default]\nreflectance = 0.5\n\n[material.other]\nreflectance = 0.9\n",
+    );
+    place.line("solve objects --materials other.toml").is(2).says(&[
+        "`block`",
+        "several materials",
+        "a reflectance",
+        "--patches face",
+    ]);
     // Another scene, and another kind.
     place.write("other.obj", quads(2));
     place

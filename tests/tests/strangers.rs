@@ -171,6 +171,91 @@ fn a_flat_at_one_temperature_is_at_rest_and_its_doors_are_not_cold() {
     assert!(count > 30 && behind > 0.05, "{count} points, {behind} on backs at most");
 }
 
+/// A cube of 2 m with the objects `lower`, `upper` and `shell`: all of paint, but for one side of the shell, of steel.
+fn tank() -> String {
+    let corner = |x: f64, y: f64, z: f64| [2.0 * x, 2.0 * y, 2.0 * z];
+    let side = |at: fn([f64; 2]) -> [f64; 3]| {
+        [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|uv| {
+            let [x, y, z] = at(uv);
+            corner(x, y, z)
+        })
+    };
+    let mut obj = Obj::default();
+    obj.surface("lower", "paint", &side(|[u, v]| [u, v, 0.0]));
+    obj.surface("upper", "paint", &side(|[u, v]| [v, u, 1.0]));
+    obj.surface("shell", "paint", &side(|[u, v]| [v, 0.0, u]));
+    obj.polygon(&side(|[u, v]| [0.0, u, v]));
+    obj.polygon(&side(|[u, v]| [1.0, v, u]));
+    obj.text.push_str("usemtl steel\n");
+    obj.polygon(&side(|[u, v]| [u, 1.0, v]));
+    obj.text
+}
+
+/// Black sides of a cube: F = 0.2 to each other, and the lower one's heat is A σ Σ F (T⁴ − T_j⁴).
+#[test]
+fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_agree() {
+    let place = Place::new();
+    place.write("tank.obj", tank());
+    for kind in ["object", "material"] {
+        let line = format!("compute tank.obj --patches {kind} --split 4 --correction area -o {kind} --no-config -q");
+        place.line(&line).is(0);
+    }
+    let solved = |store: &str, tables: &str, rest: &str| {
+        place.write(
+            "tank.toml",
+            format!("[default]\nemissivity = 1\ntemperature = 300\n\n{tables}"),
+        );
+        place.line(&format!(
+            "solve {store} --thermal --materials tank.toml --ambient 300{rest}"
+        ))
+    };
+    let exact = 5.670_374_419e-8 * 4.0 * (400.0f64.powi(4) - 300.0f64.powi(4));
+    let hot = "[object.lower]\ntemperature = 400\n";
+    // Nothing is said of materials, they say the same, or the object says it.
+    for (store, tables) in [
+        ("object", hot.to_owned()),
+        ("object", format!("{hot}[material.\"*\"]\nemissivity = 1\n")),
+        (
+            "object",
+            format!("{hot}[material.steel]\nemissivity = 0.3\n[object.shell]\nemissivity = 1\n"),
+        ),
+    ] {
+        let found = solved(store, &tables, "").is(0);
+        let heat = heat_of(&found.err, "lower");
+        assert!((heat / exact - 1.0).abs() < 1e-3, "{tables}: {heat} {exact}");
+    }
+    let all = solved("material", "[object.\"*\"]\ntemperature = 400\n", "").is(0);
+    assert!(all.err.contains("paint     1        20.000"), "{}", all.err);
+    // What they say differently is nobody's, and was the default's without a word.
+    for (store, tables, words) in [
+        (
+            "object",
+            "[material.steel]\nemissivity = 0.3\n",
+            ["`shell` has patches of several materials", "an emissivity"],
+        ),
+        (
+            "material",
+            hot,
+            ["`paint` has patches of several objects", "--patches object"],
+        ),
+    ] {
+        solved(store, tables, "").is(2).says(&words);
+    }
+    solved("material", "", " --by object")
+        .is(2)
+        .says(&["cannot be added up by object"]);
+    place.write(
+        "steel.toml",
+        "[default]\nemissivity = 1\n\n[material.steel]\nemissivity = 0.3\n",
+    );
+    place
+        .line("exchange object --materials steel.toml")
+        .is(2)
+        .says(&["`shell` has patches of several materials"]);
+    let printed = place.line("solve object --print-materials").is(0);
+    assert!(printed.out.contains("[object.\"shell\"]"), "{}", printed.out);
+}
+
 /// Front and back of a sheet are one node by their material: T = (P / (σ Σ A ε))^¼ before the body's share.
 #[test]
 fn panels_of_a_satellite_are_nodes_of_two_sides() {
@@ -218,6 +303,42 @@ fn panels_of_a_satellite_are_nodes_of_two_sides() {
     );
     let sum = heat_of(&solved.err, "cells_p") + heat_of(&solved.err, "back_p");
     assert!((sum - 1000.0).abs() < 5.0, "{sum}");
+}
+
+/// Three numbers with decimal commas were taken for a point and its direction, and points in millimetres for points of
+/// an open field.
+#[test]
+fn tables_in_other_units_and_with_decimal_commas_are_told() {
+    let place = Place::new();
+    place.write("tank.obj", tank());
+    let points = |text: &str, rest: &str| {
+        place.write("points.txt", text);
+        place.line(&format!("points tank.obj --up z --points points.txt{rest}"))
+    };
+    for text in ["0,5 1,25 1,5\n", "0,5, 1,25, 1,5\n", "0,5; 1,25; 1,5\n"] {
+        points(text, "").is(2).says(&["points.txt:1:", "decimal comma"]);
+    }
+    // Commas that separate, whatever the blanks beside them.
+    for text in ["1,1,1\n", "1, 1, 1\n", "1 ,1 ,1\n", "1,1,1,0,0,1\n", "1,1,1, 0,0,1\n"] {
+        let read = points(text, "").is(0);
+        assert!(!read.err.contains("warning"), "{text}: {}", read.err);
+    }
+    let far = points("500 500 1000\n1 1 1\n", " -o far.csv").is(0);
+    assert!(
+        far.err.contains("1 of 2 points in `points.txt` is more than ten times"),
+        "{}",
+        far.err
+    );
+    assert!(far.err.contains("line 1"), "{}", far.err);
+    let table = std::fs::read_to_string(place.path("far.csv")).expect("a table");
+    assert_eq!(table.matches(",far-off,").count(), 1, "{table}");
+    // Temperatures as `solve` takes them.
+    place.write("warm.csv", "*,17 °C\n");
+    let said = points("3 1 1\n", " --temperatures warm.csv --sky-temperature 17°C").is(0);
+    assert!(said.err.contains("radiant     290.15 K"), "{}", said.err);
+    // A mast beside a scene of 2 m is not far off.
+    let mast = points("10 0 10\n", "").is(0);
+    assert!(!mast.err.contains("warning"), "{}", mast.err);
 }
 
 #[test]

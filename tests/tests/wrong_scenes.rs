@@ -2,7 +2,7 @@
 //! horizon, and texts as editors and spreadsheets write them.
 
 use hemicube_tests::runs::Place;
-use hemicube_tests::scenes::{skip, workspace};
+use hemicube_tests::scenes::{scenes_or_skip, skip, workspace};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -246,6 +246,70 @@ fn an_inside_out_city_is_named_and_a_city_is_not() {
         .says(&["16 objects face inwards", "`--flip 'building *'`"]);
 }
 
+/// `compute` looks at a sample of the surfaces: of right cities it named buildings of which that had few.
+#[test]
+fn compute_names_no_building_of_real_cities_and_one_that_is_turned() {
+    let Some(folder) = scenes_or_skip("compute_names_no_building_of_real_cities_and_one_that_is_turned") else {
+        return;
+    };
+    let place = Place::new();
+    for city in ["denhaag-8897", "rotterdam-delfshaven", "denhaag"] {
+        let scene = folder.join("city").join(city).with_extension("obj");
+        let computed = |rest: &str| {
+            let line = format!(
+                "compute {} -o m --overwrite --no-config --sample-rows 40 --correction pixel --resolution 64{rest}",
+                scene.display()
+            );
+            place.line(&line).is(0).err
+        };
+        let said = computed("");
+        assert!(!said.contains("the wrong way"), "{city}: {said}");
+    }
+}
+
+/// A room of 7,500 triangles with a chair in it, of which `compute` looks at 1,500: the wall that is turned round is
+/// confirmed by 1,024 of its own, and `inspect` finds by all of them that it loses as much.
+#[test]
+fn compute_names_a_wall_of_many_surfaces_by_its_own_rays() {
+    const PIECES: u32 = 25;
+    let place = Place::new();
+    let mut quads: Vec<(String, Quad)> = Vec::new();
+    for (name, [a, b, c, d]) in sides([0.0; 3], [5.0, 4.0, 3.0]) {
+        let at = |u: u32, v: u32| {
+            let [u, v] = [u, v].map(|of| f64::from(of) / f64::from(PIECES));
+            std::array::from_fn(|axis| {
+                let [low, high] = [a[axis] * (1.0 - u) + b[axis] * u, d[axis] * (1.0 - u) + c[axis] * u];
+                low * (1.0 - v) + high * v
+            })
+        };
+        for (u, v) in (0..PIECES).flat_map(|u| (0..PIECES).map(move |v| (u, v))) {
+            let piece = [at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)];
+            let faces_out = name == "west";
+            quads.push((name.to_owned(), if faces_out { piece } else { turned(piece) }));
+        }
+    }
+    quads.extend(sides([2.0, 1.0, 0.5], [3.0, 2.0, 1.0]).map(|(_, quad)| ("chair".to_owned(), quad)));
+    write(&place, "room.obj", obj(&quads).as_bytes());
+    let computed = place
+        .line("compute room.obj -o m --no-config --sample-rows 100 --correction pixel --resolution 64")
+        .is(0)
+        .err;
+    let said: Vec<&str> = computed.lines().filter(|line| line.contains("the wrong way")).collect();
+    assert!(said.len() == 1 && said[0].contains("`--flip west`"), "{computed}");
+    let percent = |text: &str| -> f64 {
+        let (before, _) = text.split_once(" % of all views").expect("a share");
+        before
+            .rsplit(' ')
+            .next()
+            .and_then(|word| word.parse().ok())
+            .expect("a number")
+    };
+    let all = sentences(&inspected(&place, "room.obj"));
+    assert!(all.len() == 1, "{all:?}");
+    let (some, all) = (percent(said[0]), percent(&all[0]));
+    assert!((some / all - 1.0).abs() < 0.1, "{some} % and {all} %");
+}
+
 /// A city with some of its objects turned round, or all of it.
 fn turned_city(is_turned: impl Fn(&str) -> bool, name: impl Fn(&str) -> String) -> String {
     let [low, high] = [-60.0, 140.0];
@@ -395,6 +459,40 @@ fn canopies_panels_and_zones_are_no_false_alarm() {
     write(&place, "thick.obj", obj(&thick).as_bytes());
     let said = sentences(&inspected(&place, "thick.obj --split 3"));
     assert!(said.len() == 1 && said[0].contains("`--flip chair`"), "{said:?}");
+}
+
+/// A housing without a lid that faces out, around parts that are right: nobody sees the parts, and turned round they
+/// would see themselves. `--flip` of a part was recommended, or of everything.
+#[test]
+fn an_open_housing_is_named_and_not_what_is_in_it() {
+    let place = Place::new();
+    let housing = |faces_in: bool| -> Vec<(String, Quad)> {
+        let open = sides([0.0; 3], [100.0, 80.0, 40.0]).into_iter();
+        let open = open.filter(|(_, quad)| quad.iter().any(|corner| corner[2] < 40.0));
+        let turn = |quad| if faces_in { turned(quad) } else { quad };
+        open.map(|(_, quad)| ("housing".to_owned(), turn(quad))).collect()
+    };
+    let chip = |name: &str, low: f64, high: f64| {
+        let quads = sides([20.0, 20.0, low], [60.0, 50.0, high]);
+        quads.map(|(_, quad)| (name.to_owned(), quad))
+    };
+    let contents: [Vec<(String, Quad)>; 3] = [
+        chip("chip", 5.0, 20.0).into(),
+        chip("chip", 5.0, 20.0)
+            .into_iter()
+            .chain(chip("cooler", 22.0, 35.0))
+            .collect(),
+        chip("chip", 1.0, 4.0).into(),
+    ];
+    for inside in contents {
+        for faces_in in [false, true] {
+            let quads: Vec<_> = housing(faces_in).into_iter().chain(inside.clone()).collect();
+            write(&place, "housing.obj", obj(&quads).as_bytes());
+            let said = sentences(&inspected(&place, "housing.obj"));
+            let named = said.len() == 1 && said[0].contains("`--flip housing`") && !said[0].contains("chip");
+            assert!(if faces_in { said.is_empty() } else { named }, "{faces_in}: {said:?}");
+        }
+    }
 }
 
 /// Solids that stand on each other, all in one object: each sees backs where they touch, and turned round they would
@@ -631,7 +729,7 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
     let both = solve("open --materials celsius.toml --ambient 15");
     assert_eq!(questions(&both), [1, 0]);
     assert!(
-        both.contains("20 K of material") && both.contains("15 K of `--ambient`"),
+        both.contains("20 K of faces without a material") && both.contains("15 K of `--ambient`"),
         "{both}"
     );
 }

@@ -468,6 +468,11 @@ pub(crate) fn tell_of_places(path: &Path, points: usize, places: impl Iterator<I
             "behind surfaces, with backs in more than half of their view",
             "move them to the other side, turn their normals, or `--two-sided on` if the surfaces are sheets",
         ),
+        (
+            Place::FarOff,
+            "more than ten times the scene's size away from it",
+            "give them in the scene's unit and from its origin (`inspect` shows its box)",
+        ),
     ] {
         let there: Vec<u64> = places
             .iter()

@@ -123,8 +123,26 @@ fn is_header(text: &str) -> bool {
     fields.peek().is_some() && fields.all(|field| field.parse::<f64>().is_err())
 }
 
+/// Returns whether all numbers of a line have one comma each, as in `30,5 30,25 1,5`: these are three numbers or six.
+fn has_decimal_commas(text: &str) -> bool {
+    let is_decimal = |field: &str| {
+        let field = field.trim_end_matches([',', ';']);
+        let is_digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
+        let parts = field.trim_start_matches(['-', '+']).split_once(',');
+        parts.is_some_and(|(whole, rest)| is_digits(whole) && is_digits(rest))
+    };
+    let mut fields = text.split_whitespace();
+    text.split_whitespace().nth(1).is_some() && fields.all(is_decimal)
+}
+
 /// Fields of a line without a header: separated by blanks, too, if none is then empty.
 fn fields_of(text: &str) -> Result<Vec<&str>> {
+    if has_decimal_commas(text) {
+        bail!(
+            "`{}` may have decimal commas; write decimal points, or one separator between all numbers",
+            excerpt(text)
+        );
+    }
     let separator = Separator::of(text);
     let mut fields = separator.fields(text);
     while fields.last().is_some_and(|field| field.is_empty()) {

@@ -4,12 +4,13 @@ use crate::attended::{Attendant, attended};
 use crate::errors;
 use crate::matrix::{Matrix, Use};
 use crate::numbers;
+use crate::scene::warn;
 use crate::solve::{KELVIN_MAX, Manner};
 use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface};
-use hemicube::analysis::zones::GroupBy;
+use hemicube::analysis::zones::{GroupBy, reason_against};
 use hemicube::solve::{
-    Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables, Temperature,
-    Undetermined, enclosures, solve_heat,
+    Condition, Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables,
+    Temperature, Undetermined, enclosures, solve_heat,
 };
 use hemicube::store::PatchTable;
 use numpy::PyArray1;
@@ -38,6 +39,59 @@ pub(crate) fn kelvin(given: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
         )));
     }
     Ok(kelvin)
+}
+
+/// Temperatures below this, in kelvin, are asked about, and how many of them are named.
+const COLD: f64 = 100.0;
+const COLD_SHOWN: usize = 3;
+/// A scene is open when more than this part of its view leaves it.
+const OPEN: f64 = 0.01;
+
+/// Asks whether temperatures, with what they are of, are degrees Celsius.
+pub(crate) fn question_cold(py: Python<'_>, cold: &[String]) -> PyResult<()> {
+    if cold.is_empty() {
+        return Ok(());
+    }
+    let mut shown = cold.iter().take(COLD_SHOWN).cloned().collect::<Vec<_>>();
+    if cold.len() > COLD_SHOWN {
+        shown.push(format!("{} more", cold.len() - COLD_SHOWN));
+    }
+    let cold = shown.join(", ");
+    warn(
+        py,
+        &format!("{cold}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin"),
+    )
+}
+
+/// A temperature in kelvin that may be one in degrees Celsius, with what it is of. 0 is cold space.
+pub(crate) fn cold(kelvin: f64, of: &str) -> Option<String> {
+    (kelvin > 0.0 && kelvin < COLD).then(|| format!("{kelvin} K of {of}"))
+}
+
+/// Tells of surroundings at 0 K that nobody asked for, where a scene is open.
+pub(crate) fn warn_of_surroundings(py: Python<'_>, matrix: &Matrix) -> PyResult<()> {
+    let (areas, rows) = (matrix.area()?, matrix.exchange_table()?);
+    let (mut escaped, mut area) = (0.0, 0.0);
+    for (&share, &of) in rows
+        .escaped
+        .iter()
+        .zip(areas.iter())
+        .filter(|(share, _)| !share.is_nan())
+    {
+        escaped += share * of;
+        area += of;
+    }
+    if escaped <= OPEN * area {
+        return Ok(());
+    }
+    let share = 100.0 * escaped / area;
+    warn(
+        py,
+        &format!(
+            "{share:.1} % of the view leaves the scene, and what lies outside is taken to be at 0 K; `ambient` says \
+             how warm it is, and `ambient=0` that it is cold space"
+        ),
+    )
 }
 
 /// The ground's temperature, and the share of each patch's view that ends on it.
@@ -135,6 +189,14 @@ pub(crate) fn solve(
     let (table, rows) = (matrix.patches()?, matrix.exchange_table()?);
     let properties = properties_of(matrix, &table, given)?;
     let thermal = properties.thermal().map_err(wrong)?;
+    let colder = thermal
+        .iter()
+        .filter(|kind| kind.is_used)
+        .filter_map(|kind| match kind.condition {
+            Condition::Temperature(given) if !given.is_celsius() => cold(given.kelvin(), &kind.shown()),
+            _ => None,
+        });
+    question_cold(py, &colder.collect::<Vec<_>>())?;
     let heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, &rows);
     let mut heat = heat.map_err(|error| errors::solving(&error))?;
     let ambient = surroundings.ambient;
@@ -204,6 +266,9 @@ pub(crate) fn by_surface(
     by: &str,
 ) -> PyResult<HeatBySurface> {
     let by = group(by)?;
+    if let Some(reason) = reason_against(matrix.patch_kind(), by) {
+        return Err(errors::input(format!("the matrix {reason}")));
+    }
     if solved.radiosity.patches() != matrix.patch_count() {
         return Err(errors::input(format!(
             "the solution is of {} patches, and the matrix of {}",

@@ -4,12 +4,12 @@ use crate::attended::{Attendant, attended};
 use crate::export::{self, Asked, ForSolver, Zones};
 use crate::scene::{Scene, axis};
 use crate::{errors, numbers, pickle};
-use hemicube::InputPatch;
 use hemicube::solve::{Block, Factors, OutOfCore, multiply};
 use hemicube::store::{
     Assembly, Error as StoreError, FactorSlice, FactorVec, Header, Index, Part, PatchOptics, PatchTable, Precision,
     RowTable, Store, StoreWriter, optics_of,
 };
+use hemicube::{InputPatch, PatchKind};
 use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
@@ -497,6 +497,14 @@ impl Matrix {
         match &self.source {
             Source::Memory(memory) => Ok(memory.patches.clone()),
             Source::Store(store) => stored(store.patches()),
+        }
+    }
+
+    /// What a patch is.
+    pub(crate) fn patch_kind(&self) -> PatchKind {
+        match &self.source {
+            Source::Memory(memory) => memory.header.patch_kind(),
+            Source::Store(store) => store.manifest().patch_kind(),
         }
     }
 

@@ -370,6 +370,10 @@ pub(crate) fn warn_of_places(py: Python<'_>, scene: &Scene, points: &[SensorPoin
             "behind surfaces, with backs in more than half of their view; turn their normals, or make sheets \
              `two_sided`",
         ),
+        (
+            Place::FarOff,
+            "more than ten times the scene's size away from it; give them in its unit and from its origin",
+        ),
     ] {
         let there: Vec<usize> = (0..)
             .zip(&found)

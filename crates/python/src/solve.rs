@@ -395,7 +395,19 @@ pub(crate) fn solve_heat(
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Solution> {
-    let ambient = ambient.map_or(Ok(0.0), |given| heat::kelvin(given, "ambient"))?;
+    if ambient.is_none() {
+        heat::warn_of_surroundings(py, matrix.get())?;
+    }
+    let ambient = match ambient {
+        Some(given) => {
+            let kelvin = heat::kelvin(given, "ambient")?;
+            if given.extract::<f64>().is_ok() {
+                heat::question_cold(py, &Vec::from_iter(heat::cold(kelvin, "`ambient`")))?;
+            }
+            kelvin
+        }
+        None => 0.0,
+    };
     let manner = |is_block| {
         options(method, restart, tolerance, max_iterations, threads).map(|options| Manner {
             options,
@@ -471,6 +483,8 @@ where
             "a temperature is {wrong}; it is in kelvin, from 0 on, or NaN for an adiabatic patch"
         )));
     }
+    let cold = kelvin.iter().filter_map(|&kelvin| heat::cold(kelvin, "`temperature`"));
+    heat::question_cold(py, &Vec::from_iter(cold.take(1)))?;
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let of = |patch: usize, side: usize| kelvin[patch * columns + side];
     let table = matrix.exchange_table()?;

@@ -53,6 +53,24 @@ def test_objects_have_properties_and_heat_adds_up() -> None:
         surfaces["flor"]
 
 
+def test_cold_temperatures_and_an_open_scene_are_questioned() -> None:
+    """Two plates of which 80 % of the view escapes, and temperatures that are degrees Celsius as a rule."""
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float)
+    matrix = hemicube.compute(hemicube.Scene(corners, [[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7]], split=3, up="z"))
+    with pytest.warns(UserWarning, match="% of the view leaves the scene.*`ambient`"):
+        hemicube.solve_heat(matrix, 0.9, 300.0)
+    with pytest.warns(UserWarning, match="20 K of `temperature`: below 100 K"):
+        hemicube.solve_heat(matrix, 0.9, 20.0, ambient=300.0)
+    with pytest.warns(UserWarning, match="20 K of `ambient`: below 100 K"):
+        hemicube.solve_heat(matrix, 0.9, 300.0, ambient=20)
+    with pytest.warns(UserWarning, match="20 K of faces without a material: below 100 K"):
+        hemicube.solve_heat(matrix, properties={"default": {"emissivity": 0.9, "temperature": 20}}, ambient=300)
+    # Warnings are errors here: cold space, degrees Celsius and a closed room are none.
+    hemicube.solve_heat(matrix, 0.9, 300.0, ambient=0)
+    hemicube.solve_heat(matrix, properties={"default": {"emissivity": 0.9, "temperature": "20 °C"}}, ambient="20 °C")
+    hemicube.solve_heat(hemicube.compute(room()), 0.9, 300.0)
+
+
 def test_mixed_conditions_are_kept() -> None:
     """Fluxes, totals and floating bodies; the rest of the heat is what the only temperature takes."""
     matrix = hemicube.compute(room())

@@ -97,11 +97,26 @@ pub(crate) struct Arguments {
     /// each object or material, `*` for all others
     #[arg(long, value_name = "FILE", help_heading = "Heat")]
     pub(crate) temperatures: Option<PathBuf>,
-    /// Temperature of the sky, in kelvin [default: what lay outside for the solution]
-    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "heat", help_heading = "Heat")]
+    /// Temperature of the sky, in kelvin, or as `20 °C` [default: what lay outside for the solution]
+    #[arg(
+        long,
+        value_name = "KELVIN",
+        value_parser = kelvin,
+        requires = "heat",
+        allow_hyphen_values = true,
+        help_heading = "Heat"
+    )]
     pub(crate) sky_temperature: Option<f64>,
-    /// Temperature of what is below the horizon, in kelvin [default: what lay outside for the solution, or the sky's]
-    #[arg(long, value_name = "KELVIN", value_parser = kelvin, requires = "heat", help_heading = "Heat")]
+    /// Temperature of what is below the horizon, in kelvin, or as `20 °C` [default: what lay outside for the solution,
+    /// or the sky's]
+    #[arg(
+        long,
+        value_name = "KELVIN",
+        value_parser = kelvin,
+        requires = "heat",
+        allow_hyphen_values = true,
+        help_heading = "Heat"
+    )]
     pub(crate) ground_temperature: Option<f64>,
     /// Refine each row until it changes by no more than this share: 1%, 0.001
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
@@ -199,10 +214,9 @@ fn length(text: &str) -> Result<f64, String> {
 }
 
 fn kelvin(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(kelvin) if (0.0..=1e6).contains(&kelvin) => Ok(kelvin),
-        _ => Err("a temperature in kelvin, from 0 on, is needed".to_owned()),
-    }
+    text.parse::<hemicube::solve::Temperature>()
+        .map(hemicube::solve::Temperature::kelvin)
+        .map_err(|_| "a temperature in kelvin, from 0 on, is needed, or one such as `20 °C`".to_owned())
 }
 
 /// A comparison with rays.
@@ -615,6 +629,7 @@ impl Task<'_> {
             Some(Place::InSolid) => ": it is in a solid",
             Some(Place::BelowGround) => ": it is below the ground",
             Some(Place::BehindSheet) => ": it is behind a surface",
+            Some(Place::FarOff) => ": it is far off the scene",
             _ => "",
         };
         let most = row.groups.iter().max_by(|a, b| a.1.total_cmp(&b.1));

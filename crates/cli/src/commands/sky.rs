@@ -40,6 +40,8 @@ use std::time::Instant;
 const RESOLUTION: u32 = 256;
 /// A path ends where no more than this share of it is left.
 const BOUND: f64 = 1e-4;
+/// Rows that lose more than this to the sky by the matrix, and met none of it, are rendered again.
+const LOST_LEAST: f64 = 1e-3;
 
 /// Files in the output directory.
 pub(crate) const FILES: [&str; 4] = ["sky.npz", "sky.json", "points-sky.npz", "sunlight.npy"];
@@ -294,6 +296,7 @@ struct OfMatrix {
     blocked: Vec<u64>,
     escaped: Vec<Option<u64>>,
     shares: Vec<Option<f64>>,
+    blocked_shares: Vec<Option<f64>>,
 }
 
 fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
@@ -304,6 +307,7 @@ fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
         blocked: vec![0; count],
         escaped: vec![None; count],
         shares: vec![None; count],
+        blocked_shares: vec![None; count],
     };
     for place in 0..store.manifest().parts.len() {
         let Some(part) = store.part(place)? else { continue };
@@ -314,6 +318,7 @@ fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
             found.blocked[patch as usize] = sums.blocked;
             found.escaped[patch as usize] = (hemicubes > 0).then_some(sums.escaped);
             found.shares[patch as usize] = (hemicubes > 0).then_some(shares.escaped);
+            found.blocked_shares[patch as usize] = (hemicubes > 0).then_some(shares.blocked);
             if prepared.grouping.is_some() {
                 // Sums of weights are of elements alike; rows are of elements by their areas.
                 let whole = f64::from(hemicubes) * f64::from(WHOLE);
@@ -567,21 +572,9 @@ impl Task<'_> {
             bar.at(done as u64);
             !cancel.load(Ordering::SeqCst)
         };
-        let found = match self.glazed() {
-            Some(glazed) => {
-                sky_through_portals(&self.prepared.model, &rows, glazed, self.options, backend, &mut go_on)?
-            }
-            None => sky_of_patches(
-                &self.prepared.model,
-                &rows,
-                &self.division,
-                self.horizon,
-                self.options,
-                backend,
-                &mut go_on,
-            )?,
+        let Some(found) = self.rendered(&rows, backend, &mut go_on)? else {
+            return Ok(None);
         };
-        let Some(found) = found else { return Ok(None) };
         let mut found = found.into_iter();
         let rows = closed.into_iter().map(|row| row.or_else(|| found.next()));
         let mut found: Vec<SkyRow> = rows.collect::<Option<_>>().context("a row of the sky is missing")?;
@@ -594,11 +587,53 @@ impl Task<'_> {
             }
         }
         if let Some(matrix) = &self.matrix {
+            if grouping.is_none() && !self.find_lost(matrix, &mut found, cancel)? {
+                return Ok(None);
+            }
             for (row, share) in found.iter_mut().zip(&matrix.shares) {
                 share.map(|share| row.refine(share));
             }
         }
         Ok(Some(found))
+    }
+
+    /// Renders rows with n of n² hemicubes each; `None` where interrupted.
+    fn rendered(
+        &self,
+        rows: &[(InputPatch, u32)],
+        backend: Box<dyn HemicubeBackend>,
+        go_on: &mut dyn FnMut(usize) -> bool,
+    ) -> Result<Option<Vec<SkyRow>>> {
+        let model = &self.prepared.model;
+        Ok(match self.glazed() {
+            Some(glazed) => sky_through_portals(model, rows, glazed, self.options, backend, go_on)?,
+            None => sky_of_patches(model, rows, &self.division, self.horizon, self.options, backend, go_on)?,
+        })
+    }
+
+    /// Renders rows anew, from more points of the patch, that escape by the matrix and met no sky: 4, 16 and 64 times
+    /// the hemicubes. Where none of these meets the sky, what escapes is in no column. Returns `false` where
+    /// interrupted.
+    fn find_lost(&self, matrix: &OfMatrix, found: &mut [SkyRow], cancel: &AtomicBool) -> Result<bool> {
+        for finer in [2, 4, 8] {
+            let is_lost = |row: &SkyRow, share: Option<f64>| row.escaped == 0 && share.is_some_and(|s| s > LOST_LEAST);
+            let rows: Vec<(InputPatch, u32)> = (0..)
+                .zip(found.iter().zip(&matrix.shares).zip(&matrix.samples))
+                .filter(|(_, ((row, share), _))| is_lost(row, **share))
+                .map(|(patch, (_, &samples))| (InputPatch(patch), finer * samples))
+                .collect();
+            if rows.is_empty() {
+                break;
+            }
+            let backend = self.arguments.engine.open_backend(Talk::SILENT)?;
+            let Some(again) = self.rendered(&rows, backend, &mut |_| !cancel.load(Ordering::SeqCst))? else {
+                return Ok(false);
+            };
+            for ((patch, _), row) in rows.into_iter().zip(again) {
+                found[patch.0 as usize] = row;
+            }
+        }
+        Ok(true)
     }
 
     /// The sky with the mirrors and panes that it is seen through.
@@ -694,7 +729,12 @@ impl Task<'_> {
             "ground",
             of(&|row| (row.escaped_share() - row.sky_view_factor()).max(0.0)),
         )?;
-        results.push("blocked", of(&|row| row.blocked as f64 / row.whole() as f64))?;
+        // Beside a matrix all shares are its own.
+        let of_matrix = |patch: usize| self.matrix.as_ref().and_then(|matrix| matrix.blocked_shares[patch]);
+        let blocked = (0..)
+            .zip(rows)
+            .map(|(patch, row)| of_matrix(patch).unwrap_or_else(|| row.blocked as f64 / row.whole() as f64));
+        results.push("blocked", blocked.collect())?;
         let options = WriteOptions {
             overwrite: self.arguments.overwrite,
             cancel,

@@ -319,7 +319,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let table = store.patches()?;
-    table.require_one_material(&store)?;
     let rows = store.exchange_table()?;
     let task = Task::new(arguments, &store, &table, &rows, talk)?;
     let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);

@@ -632,7 +632,7 @@ impl Tally {
         if hemicubes == 0 {
             return;
         }
-        let row_sum: f64 = factors.iter().sum();
+        let row_sum: f64 = factors.iter().fold(0.0, |sum, factor| sum + factor);
         let whole = whole as f64;
         // Form factors are of what arrives, weights of what stays.
         let visible = sums.visible as f64 / whole + passage.passed;

@@ -124,20 +124,30 @@ fn name_in(names: &[String], index: u32) -> &str {
     names.get(index as usize).map_or("", String::as_str)
 }
 
-/// Refuses zones that cut across patches of several elements: a row has one sum for all of them.
-fn require_kind(store: &Store, by: GroupBy) -> Result<()> {
-    let (kind, wanted) = (store.manifest().patch_kind(), by.kind());
+/// Why patches of a kind cannot be added up by zones that cut across them: a row has one sum for all of a patch.
+pub fn reason_against(kind: PatchKind, by: GroupBy) -> Option<String> {
+    let wanted = by.kind();
     // A face is of one object and one material.
     if kind == wanted || matches!(kind, PatchKind::Triangle | PatchKind::Face) {
-        return Ok(());
+        return None;
     }
     let (kind, by) = (kind.name(), wanted.name());
     let otherwise = if wanted == PatchKind::Face { "" } else { "by face " };
-    let reason = format!(
+    Some(format!(
         "is a matrix of patches by {kind}, which cannot be added up by {by}; compute it by {by}, {otherwise}or by \
          triangle"
-    );
-    Err(Error::unsupported(store.directory(), reason))
+    ))
+}
+
+/// Refuses zones that cut across patches of several elements.
+///
+/// # Errors
+/// [`Error::Unsupported`] for zones other than the patches of several elements, or their faces' objects or materials.
+pub fn require_kind(store: &Store, by: GroupBy) -> Result<()> {
+    match reason_against(store.manifest().patch_kind(), by) {
+        Some(reason) => Err(Error::unsupported(store.directory(), reason)),
+        None => Ok(()),
+    }
 }
 
 /// Adds up the matrix of a store. Memory: the patch table and the zones' own matrix.

@@ -20,6 +20,10 @@
 //! those), a ground that faces down, and all; then the next, until no turn is worth it. An object or group must be
 //! turned to face a nearly closed space, and all must see more fronts than before, and fewer than backs unless they see
 //! nothing: a room turned outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
+//!
+//! Where the sample leaves surfaces out, a few patches may see the back of a building and none its front. An object or
+//! group to be turned is then examined by rays from both sides of all its surfaces, up to [`CONFIRMED_MAX`]: by
+//! reciprocity, what they see of others' fronts is what others see of them.
 
 use super::rays::{Caster, Emitter, Hit, crossed, directions};
 use super::sample::{examine, hash, order};
@@ -69,6 +73,8 @@ const WORTH: f64 = 1e-3;
 const WORTH_RAYS: u64 = 8;
 /// Most sets turned one after the other.
 const TURNS_MAX: usize = 16;
+/// Most surfaces of a turn that are examined again.
+const CONFIRMED_MAX: usize = 1024;
 /// Escaping share of a nearly closed scene.
 const ESCAPED_MAX: f64 = 0.3;
 /// Most leaks named.
@@ -188,6 +194,8 @@ struct Sample {
     counts: BTreeMap<Kind, Count>,
     /// Escaping rays from fronts, with their objects.
     escaping: Vec<(u32, DVec3, DVec3, f64)>,
+    /// True if surfaces were left out.
+    is_partial: bool,
 }
 
 /// Examines the enclosure of a scene. `object` is the object of a patch.
@@ -228,8 +236,11 @@ pub fn enclosure(model: &Model, object: impl Fn(InputPatch) -> u32 + Sync, optio
         return found;
     }
     let groups = groups(model, &units, &unit);
-    let turns;
+    let mut turns;
     (turns, found.apart) = windings(&sample.counts, &groups, &units, options.up, whole);
+    if sample.is_partial {
+        confirm(model, &unit, &mut turns, options);
+    }
     let turned: BTreeSet<u32> = turns.iter().flat_map(|turn| turn.units.iter().copied()).collect();
     found.winding = turns.into_iter().map(|turn| turn.of_objects(&units)).collect();
     let escaping: f64 = sample
@@ -262,10 +273,89 @@ fn is_two_sided(model: &Model, patch: InputPatch) -> bool {
     model.patches().side(patch) == Side::Back || same(patch.0 + 1)
 }
 
-fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: DiagnoseOptions) -> Sample {
-    let tree = &*Tree::of(model.geometry());
+/// Keeps the turns of objects and groups that save as much by rays from all of their own surfaces, and measures what
+/// they save.
+fn confirm(
+    model: &Model,
+    unit: &(impl Fn(InputPatch) -> u32 + Sync),
+    turns: &mut Vec<Turned>,
+    options: DiagnoseOptions,
+) {
     let order = order(model, options.seed);
-    let order = &order[..order.len().min(options.surfaces_max)];
+    let surfaces = &model.geometry().surfaces;
+    let sides = |index: u32| {
+        if surfaces[index as usize].back.is_some() {
+            2.0
+        } else {
+            1.0
+        }
+    };
+    let area = |index: u32| model.patches().area(surfaces[index as usize].front);
+    let whole: f64 = order.iter().map(|&index| sides(index) * area(index)).sum();
+    let mut turned = BTreeSet::new();
+    turns.retain_mut(|turn| {
+        if turn.turn == Turn::Objects {
+            let of_turn = |index: &u32| turn.units.contains(&unit(surfaces[*index as usize].front));
+            let all: Vec<u32> = order.iter().copied().filter(of_turn).collect();
+            let some = &all[..all.len().min(CONFIRMED_MAX)];
+            let total = |list: &[u32]| list.iter().map(|&index| area(index)).sum::<f64>();
+            let sample = sample_of(model, unit, some, options);
+            let Some(saved) = saved_by_own_rays(&sample.counts, &turn.units, &turned) else {
+                return false;
+            };
+            turn.lost = saved * total(&all) / total(some) / whole;
+            if turn.lost <= WORTH {
+                return false;
+            }
+        }
+        turned.extend(turn.units.iter().copied());
+        true
+    });
+}
+
+/// Weight that turning these units saves, once others are `turned`, by rays from both of their sides; `None` where
+/// others see their fronts, or see nothing of them and they see others' backs.
+fn saved_by_own_rays(counts: &BTreeMap<Kind, Count>, units: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> Option<f64> {
+    // From either side: backs, others' and their own; fronts of others; their own fronts.
+    let (mut backs, mut own_backs, mut fronts, mut own_fronts) = ([0.0; 2], [0.0; 2], [0.0; 2], [0.0; 2]);
+    for (kind, Count { weight, .. }) in counts.iter().filter(|(kind, _)| units.contains(&kind.from)) {
+        let is_own = matches!(kind.to, To::Front(to) | To::Back(to) if units.contains(&to));
+        let sum = match kind.to {
+            To::Nothing => continue,
+            _ if Rays::meets_back(*kind, turned) && is_own => &mut own_backs,
+            _ if Rays::meets_back(*kind, turned) => &mut backs,
+            _ if is_own => &mut own_fronts,
+            _ => &mut fronts,
+        };
+        sum[usize::from(kind.turned)] += weight;
+    }
+    // Others' fronts in sight are the rays of others that meet this side.
+    let is_seen = fronts[0] + fronts[1] > 0.0;
+    let faces_away = if is_seen {
+        fronts[1] >= BACKS * (fronts[0] + fronts[1])
+    } else {
+        own_backs[0] >= backs[0]
+    };
+    let saved = backs[0] + own_backs[0] + fronts[1] - backs[1] - own_fronts[1] - fronts[0];
+    faces_away.then_some(saved)
+}
+
+fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: DiagnoseOptions) -> Sample {
+    let order = order(model, options.seed);
+    let some = &order[..order.len().min(options.surfaces_max)];
+    let mut sample = sample_of(model, object, some, options);
+    sample.is_partial |= some.len() < order.len();
+    sample
+}
+
+/// Casts rays from both sides of the surfaces `order`, from its beginning, as far as the work allows.
+fn sample_of(
+    model: &Model,
+    object: &(impl Fn(InputPatch) -> u32 + Sync),
+    order: &[u32],
+    options: DiagnoseOptions,
+) -> Sample {
+    let tree = &*Tree::of(model.geometry());
     let of_all = options.surfaces_max.saturating_mul(RAYS_A_PATCH).min(RAYS_OF_ALL);
     #[allow(clippy::cast_possible_truncation, reason = "at most 65536")]
     let rays = ((of_all / order.len().max(1)) as u32).clamp(RAYS[0], RAYS[1]);
@@ -278,7 +368,7 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
             object(patch)
         }
     };
-    let (samples, _) = examine(order, options.threads, WORK_OF_ENCLOSURE, |surfaces, work| {
+    let (samples, examined) = examine(order, options.threads, WORK_OF_ENCLOSURE, |surfaces, work| {
         let mut caster = Caster::new(tree);
         let mut sample = Sample::default();
         for &index in surfaces {
@@ -318,7 +408,10 @@ fn sample(model: &Model, object: &(impl Fn(InputPatch) -> u32 + Sync), options: 
         *work += caster.work + 64 * surfaces.len() as u64;
         sample
     });
-    let mut all = Sample::default();
+    let mut all = Sample {
+        is_partial: examined < order.len(),
+        ..Sample::default()
+    };
     for sample in samples {
         for (kind, count) in sample.counts {
             let sum = all.counts.entry(kind).or_default();
@@ -516,14 +609,22 @@ impl Rays<'_> {
     }
 
     /// Returns whether others see only backs of these objects, or nobody sees them, and their other side faces a nearly
-    /// closed space.
+    /// closed space, or is a hollow that sees itself. Where nobody sees them, and most backs that they see are others',
+    /// those are to be turned: a part in a housing that faces out.
     fn faces_away(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>) -> bool {
-        let (mut met, mut hidden) = ([0.0; 2], [0.0; 2]);
+        let (mut met, mut hidden, mut hidden_own) = ([0.0; 2], [0.0; 2], 0.0);
+        // Their own backs, and others'.
+        let mut backs = [0.0; 2];
         for &entry in objects.iter().filter_map(|o| self.of.get(o)).flatten() {
             let (kind, count) = self.list[entry];
             let active = Self::is_active(kind, turned);
+            let is_own = matches!(kind.to, To::Front(to) | To::Back(to) if objects.contains(&to));
             if objects.contains(&kind.from) && !active {
                 hidden[usize::from(kind.to == To::Nothing)] += count.weight;
+                hidden_own += if is_own { count.weight } else { 0.0 };
+            }
+            if objects.contains(&kind.from) && active && Self::meets_back(kind, turned) {
+                backs[usize::from(!is_own)] += count.weight;
             }
             if let To::Front(to) | To::Back(to) = kind.to
                 && objects.contains(&to)
@@ -533,7 +634,11 @@ impl Rays<'_> {
                 met[usize::from(Self::meets_back(kind, turned))] += count.weight;
             }
         }
-        met[1] >= BACKS * (met[0] + met[1]) && hidden[1] <= OPEN * (hidden[0] + hidden[1])
+        let [fronts, seen] = met;
+        let is_unseen = fronts + seen == 0.0 && backs[1] > backs[0];
+        let all = hidden[0] + hidden[1];
+        let is_hollow = hidden_own >= INSIDE * all && fronts == 0.0;
+        !is_unseen && seen >= BACKS * (fronts + seen) && (hidden[1] <= OPEN * all || is_hollow)
     }
 
     /// Returns whether these face up and see nothing but sky, in a scene that is open anyway: a roof on posts, a

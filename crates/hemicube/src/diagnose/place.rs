@@ -1,4 +1,4 @@
-//! Places of free points: in the open, in solids, below the ground, behind sheets. By rays in all directions,
+//! Places of free points: in the open, in solids, below the ground, behind sheets, far off. By rays in all directions,
 //! independent of a point's own direction.
 
 use super::rays::{Caster, Hit, directions};
@@ -20,6 +20,9 @@ const SOLID: f64 = 0.55;
 const GROUND: f64 = 0.5;
 /// Most of the fronts in the lower half there.
 const NOTHING: f64 = 0.05;
+/// A point is far off when it is farther from the scene's middle than so many halves of its box: millimetres for
+/// metres, or other coordinates.
+const FAR: f64 = 25.0;
 /// A point is shut in when so many of the directions end on something.
 const SHUT: f64 = 0.95;
 
@@ -36,6 +39,8 @@ pub enum Place {
     BelowGround,
     /// Backs fill more than half of its view.
     BehindSheet,
+    /// So far away that nothing of the scene is large in its view: its coordinates are of another unit or origin.
+    FarOff,
 }
 
 /// The place of each point. `up` is a direction; `points` are in the scene's coordinates.
@@ -96,6 +101,9 @@ fn place(model: &Model, caster: &mut Caster<'_>, [all, view]: [&[DVec3]; 2], poi
         return Place::Open;
     };
     let origin = model.normalise(point.position) + OFFSET * normal;
+    if origin.length() > FAR {
+        return Place::FarOff;
+    }
     let [above, _] = shares(caster, origin, up, all);
     let [below, faces_below] = shares(caster, origin, -up, all);
     // A solid may stand on the ground without a floor of its own.

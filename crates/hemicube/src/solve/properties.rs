@@ -13,8 +13,12 @@
 //!
 //! A table holds for each name that it matches by itself: `heat` is each surface's, and an isothermal pattern makes one
 //! temperature for each name.
+//!
+//! A patch with elements of several materials, or of several objects ([`PatchTable::SEVERAL`]), has the values on which
+//! the tables of all materials or objects agree. Others are refused where they are needed and no table before has them.
 
 use crate::driver::selection::{Patterns, matches_glob};
+use crate::store::PatchTable;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 
@@ -196,9 +200,9 @@ pub struct Named<'a> {
     pub objects: &'a [String],
     /// Names of materials.
     pub materials: &'a [String],
-    /// Index of each patch's object.
+    /// Index of each patch's object; [`PatchTable::SEVERAL`].
     pub object: &'a [u32],
-    /// Index of each patch's material.
+    /// Index of each patch's material; [`PatchTable::SEVERAL`].
     pub material: &'a [u32],
 }
 
@@ -213,12 +217,56 @@ enum Level {
 /// Patches with the same properties: of one material, or of one object and one material.
 #[derive(Clone, Debug)]
 struct Kind {
+    /// `None` where tables name no objects, and for patches of several.
     object: Option<u32>,
+    /// [`PatchTable::SEVERAL`] for patches of several.
     material: u32,
     entry: Entry,
     /// The table of the thermal condition.
     condition: Level,
+    /// Values that the tables of several objects or materials give this patch.
+    unclear: Vec<(Value, Level)>,
     is_used: bool,
+}
+
+/// A value of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Value {
+    Reflectance,
+    Emission,
+    Emissivity,
+    Condition,
+}
+
+impl Value {
+    const ALL: [Self; 4] = [Self::Reflectance, Self::Emission, Self::Emissivity, Self::Condition];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Reflectance => "a reflectance",
+            Self::Emission => "an emission",
+            Self::Emissivity => "an emissivity",
+            Self::Condition => "a temperature, flux or heat",
+        }
+    }
+
+    fn is_in(self, entry: &Entry) -> bool {
+        match self {
+            Self::Reflectance => entry.reflectance.is_some(),
+            Self::Emission => entry.emission.is_some(),
+            Self::Emissivity => entry.emissivity.is_some(),
+            Self::Condition => entry.has_condition(),
+        }
+    }
+
+    fn is_same(self, a: &Entry, b: &Entry) -> bool {
+        match self {
+            Self::Reflectance => a.reflectance == b.reflectance,
+            Self::Emission => a.emission == b.emission,
+            Self::Emissivity => a.emissivity == b.emissivity,
+            Self::Condition => a.condition() == b.condition(),
+        }
+    }
 }
 
 /// Reflectance and emission, a number a band.
@@ -278,6 +326,7 @@ impl Thermal {
 
 fn shown(object: Option<&str>, material: &str) -> String {
     match (object, material) {
+        (None, "") => "faces without a material".to_owned(),
         (None, name) => format!("material `{name}`"),
         (Some(object), "") => format!("object `{object}`"),
         (Some(object), material) => format!("object `{object}`, material `{material}`"),
@@ -346,8 +395,10 @@ impl Properties {
         let of_object = Matched::new(named.objects, &tables.object, "object")?;
         of_material.require_all_used(&tables, named)?;
         of_object.require_all_used(&tables, named)?;
-        let has_objects = !tables.object.is_empty() || tables.default.is_of_surfaces();
-        let (kinds, kind_of_patch) = kinds(named, &tables, &of_object, &of_material, has_objects);
+        let has_objects = !tables.object.is_empty()
+            || tables.default.is_of_surfaces()
+            || named.material.contains(&PatchTable::SEVERAL);
+        let (kinds, kind_of_patch) = kinds(named, &tables, &of_object, &of_material, scene.as_deref(), has_objects);
         Ok(Self {
             bands,
             objects: named.objects.to_vec(),
@@ -376,7 +427,7 @@ impl Properties {
             let number = *known.entry((object, kind)).or_insert(next);
             if number == next {
                 found.kinds.push(Kind {
-                    object: Some(object),
+                    object: one(object),
                     ..self.kinds[kind as usize].clone()
                 });
             }
@@ -416,11 +467,38 @@ impl Properties {
         shown(object.as_deref(), &material)
     }
 
+    /// Refuses patches of several objects or materials of which tables, or the scene, say different values.
+    fn require_clear(&self, values: &[Value]) -> Result<()> {
+        for kind in self.kinds.iter().filter(|kind| kind.is_used) {
+            if let Some(&(value, level)) = kind.unclear.iter().find(|(value, _)| values.contains(value)) {
+                let name = self.listed(kind);
+                let (several, step) = match level {
+                    Level::Object => (
+                        "objects",
+                        "compute the matrix by `--patches object` or `--patches face`".to_owned(),
+                    ),
+                    _ => (
+                        "materials",
+                        format!(
+                            "give {name} one in a table of its object, or compute the matrix by `--patches face` or \
+                             `--patches material`"
+                        ),
+                    ),
+                };
+                let value = value.name();
+                let reason = format!("{name} has patches of several {several}, which do not agree on {value}");
+                return Err(PropertyError::with(reason, step));
+            }
+        }
+        Ok(())
+    }
+
     /// Reflectance and emission of each kind.
     ///
     /// # Errors
-    /// When a kind with patches has no reflectance, or a value is out of range.
+    /// When a kind with patches has no reflectance, a value is out of range, or patches are of several kinds.
     pub fn optics(&self) -> Result<Vec<Optics>> {
+        self.require_clear(&[Value::Reflectance, Value::Emission])?;
         let mut missing = Vec::new();
         let mut found = Vec::new();
         for kind in &self.kinds {
@@ -460,8 +538,9 @@ impl Properties {
     /// called `emissivity 0.95`, as View3D's scenes give it.
     ///
     /// # Errors
-    /// When a kind with patches lacks one, or a value is out of range.
+    /// When a kind with patches lacks one, a value is out of range, or patches are of several kinds.
     pub fn thermal(&self) -> Result<Vec<Thermal>> {
+        self.require_clear(&[Value::Emissivity, Value::Condition])?;
         let (mut missing, mut lacks_emissivity, mut lacks_condition) = (Vec::new(), false, false);
         let mut found = Vec::new();
         let mut surfaces: HashMap<(Level, &str), u32> = HashMap::new();
@@ -533,8 +612,9 @@ impl Properties {
     /// Emissivity of each kind, a number a band: `bands` where a table gives one for each, otherwise one.
     ///
     /// # Errors
-    /// When a kind with patches has none, or a value is out of range.
+    /// When a kind with patches has none, a value is out of range, or patches are of several kinds.
     pub fn emissivities(&self) -> Result<Vec<Vec<f64>>> {
+        self.require_clear(&[Value::Emissivity])?;
         let is_banded = |kind: &Kind| matches!(kind.entry.emissivity, Some(Spectrum::Bands(_)));
         let bands = if self.kinds.iter().any(is_banded) {
             self.bands.len()
@@ -648,7 +728,7 @@ impl Properties {
             for kind in self.kinds.iter().filter(|kind| kind.is_used) {
                 let index = match level {
                     Level::Object => kind.object,
-                    _ => Some(kind.material),
+                    _ => one(kind.material),
                 };
                 let Some(index) = index else { continue };
                 let name = name_in(names, index);
@@ -859,20 +939,66 @@ impl<'t> Matched<'t> {
     }
 }
 
-/// The kinds of patches, and that of each patch.
+/// The tables of all names of a level, for a patch of several of them: the values on which all agree, and those on
+/// which they do not. What is of a surface as a whole, such as heat, is of one name.
+fn agreed(of_name: &[Option<&Entry>]) -> (Entry, Vec<Value>) {
+    let first = of_name.first().copied().flatten().cloned().unwrap_or_default();
+    let mut entry = Entry::default();
+    let mut unclear = Vec::new();
+    for value in Value::ALL {
+        let given = of_name
+            .iter()
+            .filter(|entry| entry.is_some_and(|entry| value.is_in(entry)));
+        if given.count() == 0 {
+            continue;
+        }
+        let is_agreed = |entry: &Option<&Entry>| entry.is_some_and(|entry| value.is_same(entry, &first));
+        let is_of_surfaces = value == Value::Condition && first.is_of_surfaces();
+        if is_of_surfaces || !of_name.iter().all(is_agreed) {
+            unclear.push(value);
+            continue;
+        }
+        match value {
+            Value::Reflectance => entry.reflectance = first.reflectance.clone(),
+            Value::Emission => entry.emission = first.emission.clone(),
+            Value::Emissivity => entry.emissivity = first.emissivity.clone(),
+            Value::Condition => entry.take_condition(&first),
+        }
+    }
+    (entry, unclear)
+}
+
+/// The kinds of patches, and that of each patch. O(patches + names).
 fn kinds(
     named: Named<'_>,
     tables: &Tables,
     of_object: &Matched<'_>,
     of_material: &Matched<'_>,
+    scene: Option<&[[Option<[f64; 3]>; 2]]>,
     has_objects: bool,
 ) -> (Vec<Kind>, Vec<u32>) {
+    let of_objects = agreed(&of_object.of_name);
+    let of_materials = agreed(&of_material.of_name);
+    let is_in_scene = |at: usize| scene.is_some_and(|scene| scene.iter().any(|values| values[at].is_some()));
     let make = |object: Option<u32>, material: u32| {
-        let object_entry = object.and_then(|object| of_object.of_name.get(object as usize).copied().flatten());
-        let material_entry = of_material.of_name.get(material as usize).copied().flatten();
+        let single =
+            |matched: &Matched<'_>, index: u32| matched.of_name.get(index as usize).copied().flatten().cloned();
+        let (object_entry, unclear_objects) = match object.map(one) {
+            None => (None, &[][..]),
+            Some(Some(object)) => (single(of_object, object), &[][..]),
+            Some(None) => (Some(of_objects.0.clone()), &of_objects.1[..]),
+        };
+        let (material_entry, unclear_materials) = match one(material) {
+            Some(material) => (single(of_material, material), &[][..]),
+            None => (Some(of_materials.0.clone()), &of_materials.1[..]),
+        };
+        let is_before = |value: Value| object_entry.as_ref().is_some_and(|entry| value.is_in(entry));
+        let mut unclear: Vec<(Value, Level)> = unclear_objects.iter().map(|&value| (value, Level::Object)).collect();
+        let materials = unclear_materials.iter().filter(|value| !is_before(**value));
+        unclear.extend(materials.map(|&value| (value, Level::Material)));
         let levels = [
-            (Level::Object, object_entry),
-            (Level::Material, material_entry),
+            (Level::Object, object_entry.as_ref()),
+            (Level::Material, material_entry.as_ref()),
             (Level::Default, Some(&tables.default)),
         ];
         let entries = || levels.iter().filter_map(|&(_, entry)| entry);
@@ -882,6 +1008,11 @@ fn kinds(
             emissivity: entries().find_map(|entry| entry.emissivity.clone()),
             ..Entry::default()
         };
+        for (at, value) in [(0, Value::Reflectance), (1, Value::Emission)] {
+            if one(material).is_none() && !value.is_in(&entry) && is_in_scene(at) {
+                unclear.push((value, Level::Material));
+            }
+        }
         let mut condition = Level::Default;
         for (level, given) in levels {
             if let Some(given) = given.filter(|given| given.has_condition()) {
@@ -891,10 +1022,11 @@ fn kinds(
             }
         }
         Kind {
-            object,
+            object: object.and_then(one),
             material,
             entry,
             condition,
+            unclear,
             is_used: false,
         }
     };
@@ -925,6 +1057,11 @@ fn kinds(
         })
         .collect();
     (kinds, kind_of_patch)
+}
+
+/// An object or material, where a patch has one.
+fn one(index: u32) -> Option<u32> {
+    (index != PatchTable::SEVERAL).then_some(index)
 }
 
 fn name_in(names: &[String], index: u32) -> &str {

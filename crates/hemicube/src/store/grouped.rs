@@ -107,24 +107,6 @@ impl PatchTable {
         }
     }
 
-    /// Refuses patches with elements of several materials, for what takes properties by material.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] with the first of them.
-    pub fn require_one_material(&self, store: &Store) -> Result<()> {
-        let Some(patch) = self.material.iter().position(|&material| material == Self::SEVERAL) else {
-            return Ok(());
-        };
-        let manifest = store.manifest();
-        let name = self.name(patch, manifest.patch_kind(), &manifest.objects, &manifest.materials);
-        let reason = format!(
-            "has patches of several materials, `{}` the first, and properties are given by material; compute it by \
-             `--patches face` or `--patches material`",
-            name.unwrap_or_default()
-        );
-        Err(Error::unsupported(store.directory(), reason))
-    }
-
     /// Returns whether a patch lies in one plane, so that it cannot see itself.
     ///
     /// # Panics

@@ -279,6 +279,7 @@ fn place_name(place: Place) -> &'static str {
         Place::InSolid => "in-solid",
         Place::BelowGround => "below-ground",
         Place::BehindSheet => "behind-sheet",
+        Place::FarOff => "far-off",
         _ => "open",
     }
 }

@@ -9,8 +9,10 @@ use crate::materials;
 use crate::report::{counted, figures, percent};
 use crate::stored;
 use anyhow::{Result, anyhow, bail};
+use hemicube::PatchKind;
 use hemicube::analysis::exchange::Network;
 use hemicube::analysis::surfaces::{MatrixTables, heat_by_surface};
+use hemicube::analysis::zones::require_kind;
 use hemicube::sky::StoredSky;
 use hemicube::solve::{
     Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Problem, Properties, Solution, SolveError,
@@ -110,11 +112,17 @@ impl Exchange {
         let of_scene = properties.emissivities_of_scene();
         let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network.is_some();
         let is_new = is_asked || properties.has_objects() || heat.is_mixed() || ground.is_some() || of_scene.is_some();
-        let by = match arguments.by.or(arguments.network) {
-            None if !is_new => None,
-            None if !is_asked && !properties.has_objects() => Some(By::Material),
-            given => Some(given.unwrap_or(By::Object)),
+        let by = match (arguments.by.or(arguments.network), store.manifest().patch_kind()) {
+            (None, _) if !is_new => None,
+            (None, PatchKind::Material) => Some(By::Material),
+            (None, PatchKind::Triangle | PatchKind::Face) if !is_asked && !properties.has_objects() => {
+                Some(By::Material)
+            }
+            (given, _) => Some(given.unwrap_or(By::Object)),
         };
+        if let Some(by) = by {
+            require_kind(store, by.group())?;
+        }
         let is_known = |kind: &Thermal| {
             let has = matches!(kind.condition, Condition::Temperature(_));
             has && kind.is_used && kind.emissivity != Some(0.0)
