@@ -36,7 +36,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Tolerance up to which entries are measured to a bound; and in larger scenes, where rays at the same error take half
 /// the time at 0.04 % and twice the time at 0.01 % (room of 864 patches).
-pub(crate) const FINEST: f64 = 1e-3;
+pub(crate) const FINEST: f64 = 2e-3;
 const FINEST_OF_LARGE: f64 = 1e-4;
 /// Patches a wall, on average, from which larger scenes have few occluders between two patches.
 const PATCHES_A_WALL: usize = 4;
