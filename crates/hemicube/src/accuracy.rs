@@ -44,7 +44,7 @@
 //!
 //! Non-visible shares are refined with the row (`store::shares`): by the residual of its sum, or, with backs or
 //! unselected patches in view, by 256 to 16,384 rays from all over the patch (`ray_shares`). These rays also find rows
-//! of centroids in a solid: they get up to sixteen hemicubes.
+//! of centroids in a solid, which get up to sixteen hemicubes, and patches in view that a row lacks.
 
 pub mod correct;
 pub mod error_model;

@@ -169,6 +169,9 @@ struct Record {
     /// Points elsewhere than in the open.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     points_not_in_the_open: Vec<Misplaced>,
+    /// The matrix's tolerance, where these rows are of its hemicubes and have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tolerance_of_matrix: Option<f64>,
     /// Rows with exactly the matrix's escaped weight; only beside a matrix.
     #[serde(skip_serializing_if = "Option::is_none")]
     rows_as_in_matrix: Option<u64>,
@@ -297,6 +300,7 @@ struct OfMatrix {
     escaped: Vec<Option<u64>>,
     shares: Vec<Option<f64>>,
     blocked_shares: Vec<Option<f64>>,
+    tolerance: Option<f64>,
 }
 
 fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
@@ -308,6 +312,7 @@ fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
         escaped: vec![None; count],
         shares: vec![None; count],
         blocked_shares: vec![None; count],
+        tolerance: store.manifest().settings["tolerance"].as_f64(),
     };
     for place in 0..store.manifest().parts.len() {
         let Some(part) = store.part(place)? else { continue };
@@ -652,13 +657,16 @@ impl Task<'_> {
         patches.iter().map(|element| patches.area(element)).collect()
     }
 
+    /// Returns whether the rows are of the matrix's hemicubes: neither a tolerance nor other hemicubes were asked for.
+    fn is_of_matrix(&self) -> bool {
+        self.options.tolerance.is_none() && self.arguments.resolution.is_none() && self.arguments.samples.is_none()
+    }
+
     /// The row of a patch without any escaped weight in the matrix's hemicubes, if its row is to be of these.
     fn closed(&self, patch: InputPatch) -> Option<SkyRow> {
         let matrix = self.matrix.as_ref()?;
         let patch = patch.0 as usize;
-        let is_of_matrix =
-            self.options.tolerance.is_none() && self.arguments.resolution.is_none() && self.arguments.samples.is_none();
-        (is_of_matrix && matrix.escaped[patch] == Some(0)).then(|| SkyRow {
+        (self.is_of_matrix() && matrix.escaped[patch] == Some(0)).then(|| SkyRow {
             blocked: matrix.blocked[patch],
             hemicubes: matrix.hemicubes[patch],
             change: f64::NAN,
@@ -817,6 +825,11 @@ impl Task<'_> {
                 .map(|(at, _)| at)
                 .collect(),
             points_not_in_the_open: misplaced,
+            tolerance_of_matrix: self
+                .matrix
+                .as_ref()
+                .filter(|_| self.is_of_matrix())
+                .and_then(|matrix| matrix.tolerance),
             // Weights of several triangles are means by area, and the matrix's are sums.
             rows_as_in_matrix: self
                 .matrix
@@ -1039,6 +1052,16 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], writte
             format!(
                 "{} changed by more than the tolerance at the last level",
                 counted(record.unsettled, "row")
+            ),
+        );
+    }
+    if let Some(tolerance) = record.tolerance_of_matrix {
+        list.add(
+            "accuracy",
+            format!(
+                "sky and ground divide by the matrix's hemicubes, and may be off by more than its tolerance; \
+                 `--tolerance {}%` keeps to it",
+                100.0 * tolerance
             ),
         );
     }

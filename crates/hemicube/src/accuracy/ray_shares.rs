@@ -432,7 +432,7 @@ mod tests {
     }
 
     /// Both halves of the lower square together.
-    fn of_lower(model: &Model, receives: impl FnMut(u32) -> bool + Copy) -> RowShares {
+    fn of_lower(model: &Model, receives: impl Fn(u32) -> bool + Copy) -> RowShares {
         let [a, b] = [0, 1].map(|patch| {
             measure(&Emitter::new(model, InputPatch(patch)), PERMITTED, receives)
                 .expect("it has area")
