@@ -3,6 +3,7 @@
 use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::exit::{self, Exit, hinted};
 use crate::help::{examples, scene_help};
+use crate::level::percentage;
 use crate::outputs::Paths;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
@@ -1060,8 +1061,8 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], writte
             "accuracy",
             format!(
                 "sky and ground divide by the matrix's hemicubes, and may be off by more than its tolerance; \
-                 `--tolerance {}%` keeps to it",
-                100.0 * tolerance
+                 `--tolerance {}` keeps to it",
+                percentage(tolerance)
             ),
         );
     }
