@@ -13,6 +13,7 @@ import math
 import os
 import random
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -222,7 +223,8 @@ def backends(program, folder, scene, names):
             through = [*line, "--specular", f"{name}.toml"]
             for backend in ("cpu", *names):
                 of = ["--backend", backend]
-                ways = [(line, []), (through, ["--backend-option", "passes=on"]), (through, [])][: 2 if backend == "cpu" else 3]
+                on_the_device = [] if backend == "cpu" else [(through, ["--backend-option", "passes=on"])]
+                ways = [(line, []), *on_the_device, (through, [])]
                 times, off = [], []
                 for k, (rows, option) in enumerate(ways):
                     store = "cpu" if backend == "cpu" and k == 1 else "all"
@@ -302,9 +304,10 @@ def facets(program, folder):
 
 
 def main():
-    program = str(Path(sys.argv[1]).resolve())
+    program = str(Path(shutil.which(sys.argv[1]) or sys.argv[1]).resolve())
     place = tempfile.TemporaryDirectory() if len(sys.argv) < 3 else None
     folder = Path(place.name if place else sys.argv[2])
+    folder.mkdir(parents=True, exist_ok=True)
     scene = Path(os.environ.get("HEMICUBE_SCENES", "../shared/scenes")) / "city/denhaag-8897.obj"
     if "profile" in sys.argv[3:]:
         profile(program, folder, scene.resolve())

@@ -4,7 +4,7 @@
 use super::page::{Block, Page};
 use hemicube_tests::readers::{petsc_folder, python};
 use hemicube_tests::runs::Place;
-use hemicube_tests::scenes::{profile_folder, program, say, scenes_or_skip, skip, unpack, workspace};
+use hemicube_tests::scenes::{profile_folder, program, say, scenes_dir, scenes_or_skip, skip, unpack, workspace};
 use std::ffi::OsString;
 use std::fs::File;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -130,6 +130,7 @@ impl Folder {
             .env("PATH", path)
             .env("HEMICUBE_THREADS", "2")
             .env("BUILT", profile_folder())
+            .envs(scenes_dir().map(|folder| ("HEMICUBE_SCENES", folder)))
             .env("PATH_OF_CARGO", std::env::var_os("PATH").unwrap_or_default())
             .env("CARGO_HOME", or_beneath_home("CARGO_HOME", ".cargo"))
             .env("RUSTUP_HOME", or_beneath_home("RUSTUP_HOME", ".rustup"))
