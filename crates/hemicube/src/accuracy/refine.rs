@@ -343,9 +343,8 @@ const GROWTH: usize = 4;
 const KNOWN_RAYS: usize = 256;
 /// Number of rays from which on points are cheaper.
 const MANY_RAYS: f64 = 131_072.0;
-/// Bound of the points at one pair, about; and where each pair keeps the tolerance by itself.
+/// Bound of the points at one pair, about.
 const MOST_POINTS: usize = 6_000;
-const MOST_POINTS_EACH: usize = 20_000;
 /// Bound of the pairs of each group that are measured in any case. A choice.
 const PROBES: f64 = 6.0;
 /// Bound of the passes in which found errors lead to further measurements. A choice.
@@ -421,16 +420,10 @@ impl<'c> Refiner<'c> {
         receives: impl Fn(u32) -> bool,
     ) -> Refined {
         let emitter = &Emitter::new(model, emitter);
-        if self.refinement.each && self.refinement.tolerance <= exact::FINEST {
+        if self.refinement.each {
             return self.measure_exactly(emitter, receives);
         }
         let budget = self.begin(emitter, seen, is_large, receives);
-        if self.refinement.each {
-            let refined = self.measure_each(emitter);
-            self.pairs.sort_unstable_by_key(|pair| pair.patch);
-            return refined;
-        }
-
         self.begin_measuring(emitter.patch);
         let most_steps = self.refinement.most_steps();
         if is_large {
@@ -723,7 +716,7 @@ impl<'c> Refiner<'c> {
         self.exchanges.begin(&emitter.corners);
         self.evaluate_from(emitter, 0);
         let budget = self.refinement.budget(self.squared_norm());
-        let measures_all = self.refinement.each || self.refinement.all;
+        let measures_all = self.refinement.all;
         let least = if measures_all {
             f64::MIN_POSITIVE
         } else if is_large {
@@ -839,60 +832,6 @@ impl<'c> Refiner<'c> {
             pair.unoccluded = exchange_area / emitter.area;
             pair.exchange_area = *exchange_area;
         }
-    }
-
-    /// Measures every pair's fraction to the tolerance.
-    fn measure_each(&mut self, emitter: &Emitter<'_>) -> Refined {
-        let regions = CoplanarRegions::of(emitter.model);
-        let obstacles = Obstacles::new(emitter.model, &regions);
-        let mut refined = Refined::default();
-        let (cancel, most_steps) = (self.cancel, self.refinement.most_steps());
-        for pair in self.pairs.iter_mut().filter(|pair| pair.unoccluded > 0.0) {
-            refined.cut_short |= refined.steps >= most_steps;
-            refined.cut_short |= cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed));
-            if refined.cut_short {
-                refined.squared_error += large::UNMEASURED * pair.unoccluded * pair.unoccluded;
-                continue;
-            }
-            self.shaft.clear();
-            let corners = emitter.model.normalised_corners(pair.patch);
-            let triangles = self
-                .shaft
-                .pair(obstacles, emitter.triangle(), PatchTriangle::new(pair.patch, &corners));
-            refined.shafts += 1;
-            refined.steps += triangles.steps;
-            if let Some(fraction) = triangles.proved_fraction() {
-                pair.fraction = fraction;
-                continue;
-            }
-            let precision = Precision {
-                // For a factor below a hundredth, relative to a hundredth.
-                enough: EACH_SHARE * self.refinement.tolerance * (SMALL_FACTOR / pair.unoccluded).max(1.0),
-                most_points: MOST_POINTS_EACH,
-                most_steps: most_steps - refined.steps.min(most_steps),
-                along_contacts: true,
-            };
-            let exact = self.exact.measure(&self.shaft, &regions, &triangles, precision);
-            refined.steps += self.exact.steps();
-            if let Some(exact) = exact {
-                pair.fraction = exact.fraction;
-                refined.points += exact.points as u64;
-                refined.squared_error += (exact.error * pair.unoccluded).powi(2);
-                continue;
-            }
-            let seed = seed(emitter.patch.0, pair.patch);
-            let mut cast = Cast::default();
-            self.shaft.cast(obstacles, &triangles, EACH_RAYS, seed, &mut cast);
-            refined.rays += EACH_RAYS as u64;
-            refined.steps += cast.steps;
-            if let Some(fraction) = cast.fraction() {
-                pair.fraction = fraction;
-            }
-            let variance = pair.fraction * (1.0 - pair.fraction) * variance_of_rays(EACH_RAYS as f64);
-            refined.squared_error += pair.unoccluded * pair.unoccluded * variance;
-        }
-        refined.squared_norm = self.squared_norm();
-        refined
     }
 
     /// Measures the fractions of the pairs whose z √d exceeds `limits.least`, and of the probes.
@@ -1109,13 +1048,6 @@ fn by_centroids(i: &[DVec3; 3], j: &[DVec3; 3]) -> f64 {
 fn inverse_area(i: f64, j: f64) -> f64 {
     (0.5 / (i * i) + 0.5 / (j * j)).sqrt()
 }
-
-/// Error of points, in tolerances, if each pair is measured. A choice.
-const EACH_SHARE: f64 = 0.3;
-/// Form factor below which a pair's error there is relative to this instead of to the factor. A choice.
-const SMALL_FACTOR: f64 = 1e-2;
-/// Number of rays there, where points do not do.
-const EACH_RAYS: usize = 1 << 18;
 
 /// Number of pairs of each class, about, at which prior variances are measured in a row.
 const PRIOR_PAIRS: f64 = 16.0;

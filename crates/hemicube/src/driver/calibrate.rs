@@ -77,7 +77,8 @@ const NORM_ROWS: usize = 256;
 const TRIED_ROWS: usize = 64;
 /// Standard errors added to the error of the rows tried.
 const SURE: f64 = 1.5;
-/// Patches of a scene, and the tolerance, up to which every pair is measured by itself.
+/// Patches of a scene, and the tolerance, up to which every pair is measured to a bound of its own: a room of 300 takes
+/// less than half the time that rays took at 0.2 %.
 const SMALL: usize = 400;
 const FINE: f64 = 2e-3;
 /// Tolerance that no number of rays keeps, and patches of a scene up to which every pair is then measured by itself.
@@ -248,11 +249,7 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
     Calibration {
         refinement: Refinement {
             each: true,
-            rule: if tolerance <= exact::FINEST {
-                FactorRule::exact()
-            } else {
-                FactorRule::for_tolerance(tolerance * 0.1)
-            },
+            rule: FactorRule::exact(),
             ..Refinement::for_tolerance(tolerance)
         },
         resolution: FINEST,

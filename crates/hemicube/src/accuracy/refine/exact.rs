@@ -18,7 +18,7 @@
 //!
 //! [`FactorRule::exact`]: crate::factor::FactorRule::exact
 
-use super::{EACH_RAYS, EACH_SHARE, Pair, Refined, Refiner, SMALL_FACTOR, inverse_area, seed};
+use super::{Pair, Refined, Refiner, inverse_area, seed};
 use crate::Model;
 use crate::accuracy::error_model::variance_of_rays;
 use crate::accuracy::row::Emitter;
@@ -34,10 +34,15 @@ use crate::visibility::shaft::{Cast, PatchTriangle, TrianglePair};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Tolerance up to which entries are measured to a bound; and in larger scenes, where rays at the same error take half
-/// the time at 0.04 % and twice the time at 0.01 % (room of 864 patches).
-pub(crate) const FINEST: f64 = 2e-3;
+/// Tolerance up to which larger scenes measure entries to a bound: rays at the same error take half the time at 0.04 %
+/// and twice the time at 0.01 % (room of 864 patches).
 const FINEST_OF_LARGE: f64 = 1e-4;
+/// Error permitted of a pair, in tolerances. A choice.
+const EACH_SHARE: f64 = 0.3;
+/// Form factor below which a pair's error is relative to this instead of to the factor. A choice.
+const SMALL_FACTOR: f64 = 1e-2;
+/// Bound of the rays at a pair.
+const EACH_RAYS: usize = 1 << 18;
 /// Patches a wall, on average, from which larger scenes have few occluders between two patches.
 const PATCHES_A_WALL: usize = 4;
 /// Number of patches up to which pairs are kept for their other row: 24 bytes a pair, 50 MB.
