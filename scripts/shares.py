@@ -2,7 +2,7 @@
 
 400 rows of each scene by default and at 1 %, held against the same rows at 0.1 %. Per scene and level: seconds of
 processor time, rows of which ΣF, escaped and blocked are off by more than the tolerance (2 % by default), the largest
-differences, and the largest |ΣF + escaped + blocked + unselected - 1|.
+differences and their root mean squares, and the largest |ΣF + escaped + blocked + unselected - 1|.
 """
 
 import argparse
@@ -46,8 +46,9 @@ def main():
                 differences = [[abs(a - b) for a, b in zip(found[patch], reference[patch])] for patch in reference]
                 off = [sum(difference > permitted for difference in column) for column in zip(*differences)][:3]
                 most = [f"{max(column):.3f}" for column in zip(*differences)][:3]
+                roots = [f"{(sum(d * d for d in column) / len(column)) ** 0.5:.4f}" for column in zip(*differences)][:3]
                 sums = max(abs(sum(row) - 1.0) for row in found.values())
-                line = f"{scene.stem:24} {level:8} {seconds:6.1f} s  off {off}  at most {most}  sums {sums:.4f}"
+                line = f"{scene.stem:24} {level:8} {seconds:6.1f} s  off {off}  at most {most}  root {roots}  sums {sums:.4f}"
                 print(line, flush=True)
 
 

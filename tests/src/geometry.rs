@@ -69,6 +69,11 @@ pub fn box_inside(size: DVec3) -> [[DVec3; 4]; 6] {
     ]
 }
 
+/// The faces of the box from `low` to `low + size`, seen from outside, in the order of [`box_inside`].
+pub fn box_outside(low: DVec3, size: DVec3) -> [[DVec3; 4]; 6] {
+    box_inside(DVec3::ONE).map(|face| flipped(face).map(|p| low + p * size))
+}
+
 /// Points of a circle round the z axis, counter-clockwise.
 pub fn circle(count: u32, radius: f64, z: f64) -> Vec<DVec3> {
     (0..count)

@@ -9,7 +9,8 @@ use hemicube_tests::extremes::{
     walls_through_the_ground,
 };
 use hemicube_tests::geometry::{
-    between_polygons, box_inside, even, flipped, grid, moved, parallel_rectangles_apart, polygon_area, quad, scene_of,
+    between_polygons, box_inside, box_outside, even, grid, moved, parallel_rectangles_apart, polygon_area, quad,
+    scene_of,
 };
 use hemicube_tests::promise::{AS_IT_IS, Motion, ROTATED, Tally, WHOLE, between_groups, bound, matrix};
 use hemicube_tests::quadrature::Obstructed;
@@ -48,9 +49,7 @@ fn hold_sums(
 fn a_box_that_stands_on_a_floor() {
     let room = box_inside(DVec3::new(6.0, 5.0, 9.0)).into_iter().flat_map(quad);
     let (low, size) = (DVec3::new(2.0, 2.0, 0.0), DVec3::new(1.0, 1.5, 1.0));
-    let standing = box_inside(DVec3::ONE)
-        .into_iter()
-        .flat_map(|face| quad(flipped(face).map(|p| low + p * size)));
+    let standing = box_outside(low, size).into_iter().flat_map(quad);
     let scene = scene_of(room.chain(standing));
     let areas: Vec<f64> = scene.triangles.iter().map(|t| polygon_area(&t.corners)).collect();
     let mut tally = Tally::default();
@@ -269,11 +268,7 @@ fn boxes_that_touch_keep_the_tolerance() {
         }
         .factor(1e-7);
         let back = polygon_area(&pair[0]) / polygon_area(&pair[1]);
-        let boxes = boxes.iter().flat_map(|&[low, size]| {
-            let [low, size] = [low, size].map(DVec3::from_array);
-            let faces = box_inside(DVec3::ONE).into_iter();
-            faces.flat_map(move |face| quad(flipped(face).map(|p| low + p * size)))
-        });
+        let boxes = boxes.iter().flat_map(faces_of);
         let scene = scene_of(pair.into_iter().chain(boxes));
         for motion in [AS_IT_IS, ROTATED] {
             let (_, found) = measured(scene.clone(), motion, ASKED);
@@ -343,9 +338,8 @@ fn a_pair_that_is_nearly_hidden_keeps_a_millionth_of_what_is_seen() {
         [p(0.0, 5.0, 0.0), p(6.0, 5.0, 0.0), p(6.0, 5.0, 3.0)],
     ];
     let plates = boxes[..2].iter().flat_map(|&[low, size]| {
-        let [low, size] = [low, size].map(DVec3::from_array);
-        let faces = box_inside(DVec3::ONE).into_iter();
-        faces.map(move |face| flipped(face).map(|p| low + p * size).to_vec())
+        let faces = box_outside(DVec3::from_array(low), DVec3::from_array(size));
+        faces.map(|face| face.to_vec())
     });
     let plates: Vec<_> = plates.collect();
     let (exact, error) = Obstructed {
@@ -376,11 +370,7 @@ fn three_edges_that_pass_each_other_beside_a_thin_plate() {
         [p(1.153, 0.824, 1.105), p(2.304, 1.259, 1.105), p(1.153, 1.259, 1.105)],
         [p(0.0, 0.0, 3.0), p(0.0, 5.0, 3.0), p(6.0, 5.0, 3.0)],
     ];
-    let faces = boxes.iter().flat_map(|&[low, size]| {
-        let [low, size] = [low, size].map(DVec3::from_array);
-        let faces = box_inside(DVec3::ONE).into_iter();
-        faces.flat_map(move |face| quad(flipped(face).map(|p| low + p * size)))
-    });
+    let faces = boxes.iter().flat_map(faces_of);
     let scene = scene_of(pair.into_iter().chain(faces));
     let (_, finest) = measured(scene.clone(), ROTATED, 1e-7);
     let (_, found) = measured(scene, ROTATED, ASKED);
@@ -420,10 +410,9 @@ fn rooms_with_boxes_keep_each_tolerance_at_each_factor() {
     for number in 0..6 {
         let room = box_inside(DVec3::new(6.0, 5.0, 3.0)).into_iter().flat_map(quad);
         let drawn = boxes().new_tree(&mut runner).expect("boxes").current();
-        let boxes = drawn.iter().flat_map(|&[low, size]| {
-            let faces = box_inside(DVec3::ONE).into_iter();
-            faces.flat_map(move |face| quad(flipped(face).map(|p| low + p * size)))
-        });
+        let boxes = drawn
+            .iter()
+            .flat_map(|&[low, size]| box_outside(low, size).into_iter().flat_map(quad));
         let scene = scene_of(room.chain(boxes));
         let finest = measured(scene.clone(), ROTATED, 1e-7);
         hold_sums(&mut tally, "at 10⁻⁷", &finest, 1e-6, |_| true);
@@ -488,14 +477,16 @@ fn in_touch(random: &mut Random) -> Vec<Block> {
     blocks.iter().map(|block| block.map(|p| p.map(metres))).collect()
 }
 
+/// The triangles of a block, seen from outside.
+fn faces_of(&[low, size]: &Block) -> Vec<[DVec3; 3]> {
+    let faces = box_outside(DVec3::from_array(low), DVec3::from_array(size));
+    faces.into_iter().flat_map(quad).collect()
+}
+
 /// A room of 6 × 5 × 3 with boxes.
 fn room_with(boxes: &[Block]) -> Scene {
     let room = box_inside(DVec3::new(6.0, 5.0, 3.0)).into_iter().flat_map(quad);
-    let faces = boxes.iter().flat_map(|&[low, size]| {
-        let [low, size] = [low, size].map(DVec3::from_array);
-        let faces = box_inside(DVec3::ONE).into_iter();
-        faces.flat_map(move |face| quad(flipped(face).map(|p| low + p * size)))
-    });
+    let faces = boxes.iter().flat_map(faces_of);
     scene_of(room.chain(faces))
 }
 

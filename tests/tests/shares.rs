@@ -6,7 +6,7 @@ use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
 use hemicube::store::RowShares;
 use hemicube::{InputPatch, Model};
 use hemicube_scene::Subdivision;
-use hemicube_tests::geometry::{box_inside, even, flipped, grid, scene_of};
+use hemicube_tests::geometry::{box_inside, box_outside, even, grid, scene_of};
 use hemicube_tests::promise::{Tally, WHOLE, between_groups, matrix};
 use hemicube_tests::rows::{Rung, backend, factors, parts, plan, settings};
 use hemicube_tests::scenes::{model, model_as_it_is, read, say, scenes_or_skip};
@@ -93,8 +93,7 @@ fn walls_see_all_sides_of_fine_pipes() {
         add(k, grid(face, &even(3), &even(3)));
     }
     // A tray below, which has most of the matrix's norm with the floor.
-    let tray =
-        box_inside(DVec3::new(0.5, 0.4, 0.002)).map(|face| flipped(face).map(|p| p + DVec3::new(0.05, 0.05, 0.15)));
+    let tray = box_outside(DVec3::new(0.05, 0.05, 0.15), DVec3::new(0.5, 0.4, 0.002));
     for face in tray {
         add(6, grid(face, &even(3), &even(3)));
     }

@@ -20,7 +20,6 @@
 
 mod args;
 mod clock;
-mod cold;
 mod command_line;
 mod commands;
 mod config;

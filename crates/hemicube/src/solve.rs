@@ -68,10 +68,10 @@ pub use enclosures::{Enclosures, enclosures};
 pub(crate) use factors::require_all_rows;
 pub use factors::{Factors, InMemory, OutOfCore, multiply};
 pub use files::{ArrayFile, SolutionWriter, StoredSolution};
-pub use heat::{Given, Heat, HeatSolution, Undetermined, solve_heat};
+pub use heat::{Given, Heat, HeatSolution, OPEN, Undetermined, open_share, solve_heat};
 pub use properties::{
     Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, RGB, Spectrum, Tables, Temperature,
-    Thermal,
+    Thermal, question_of_cold,
 };
 
 use crate::store::{Error as StoreError, RowTable};

@@ -10,7 +10,7 @@ use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat, heat_
 use hemicube::analysis::zones::{GroupBy, reason_against};
 use hemicube::solve::{
     Condition, Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables,
-    Temperature, Undetermined, enclosures, solve_heat,
+    Temperature, Undetermined, enclosures, open_share, question_of_cold, solve_heat,
 };
 use hemicube::store::PatchTable;
 use numpy::PyArray1;
@@ -41,55 +41,27 @@ pub(crate) fn kelvin(given: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
     Ok(kelvin)
 }
 
-/// Temperatures below this, in kelvin, are asked about, and how many of them are named.
-const COLD: f64 = 100.0;
-const COLD_SHOWN: usize = 3;
-/// A scene is open when more than this part of its view leaves it.
-const OPEN: f64 = 0.01;
-
 /// Asks whether temperatures, with what they are of, are degrees Celsius.
 pub(crate) fn question_cold(py: Python<'_>, cold: &[String]) -> PyResult<()> {
-    if cold.is_empty() {
-        return Ok(());
-    }
-    let mut shown = cold.iter().take(COLD_SHOWN).cloned().collect::<Vec<_>>();
-    if cold.len() > COLD_SHOWN {
-        shown.push(format!("{} more", cold.len() - COLD_SHOWN));
-    }
-    let cold = shown.join(", ");
-    warn(
-        py,
-        &format!("{cold}: below {COLD} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin"),
-    )
+    question_of_cold(cold).map_or(Ok(()), |question| warn(py, &question))
 }
 
 /// A temperature in kelvin that may be one in degrees Celsius, with what it is of. 0 is cold space.
 pub(crate) fn cold(kelvin: f64, of: &str) -> Option<String> {
-    (kelvin > 0.0 && kelvin < COLD).then(|| format!("{kelvin} K of {of}"))
+    (kelvin > 0.0 && kelvin < Temperature::COLD).then(|| format!("{kelvin} K of {of}"))
 }
 
 /// Tells of surroundings at 0 K that nobody asked for, where a scene is open.
 pub(crate) fn warn_of_surroundings(py: Python<'_>, matrix: &Matrix) -> PyResult<()> {
-    let (areas, rows) = (matrix.area()?, matrix.exchange_table()?);
-    let (mut escaped, mut area) = (0.0, 0.0);
-    for (&share, &of) in rows
-        .escaped
-        .iter()
-        .zip(areas.iter())
-        .filter(|(share, _)| !share.is_nan())
-    {
-        escaped += share * of;
-        area += of;
-    }
-    if escaped <= OPEN * area {
+    let Some(share) = open_share(&matrix.exchange_table()?, &matrix.area()?) else {
         return Ok(());
-    }
-    let share = 100.0 * escaped / area;
+    };
     warn(
         py,
         &format!(
-            "{share:.1} % of the view leaves the scene, and what lies outside is taken to be at 0 K; `ambient` says \
-             how warm it is, and `ambient=0` that it is cold space"
+            "{:.1} % of the view leaves the scene, and what lies outside is taken to be at 0 K; `ambient` says how \
+             warm it is, and `ambient=0` that it is cold space",
+            100.0 * share
         ),
     )
 }

@@ -191,10 +191,10 @@ const SURELY: f64 = 2.0;
 const ASKED: f64 = 0.75;
 /// Factor on that part if only the sky takes a share: the sum of the form factors then tells it. A choice.
 const SKY_ONLY: f64 = 2.0;
-/// Part of a sum's permitted error that rays' standard errors may be. A choice.
+/// Standard error of a share by rays, in parts of a sum's permitted error. A choice.
 const RAYS_PART: f64 = 0.8;
-/// Part of it where rays divide what the form factors leave, and before form factors are held to be off by what the
-/// rays' sum says: three standard errors are within the permitted one.
+/// Standard error of shares that divide what form factors leave, and of a sum by which form factors are held to be off,
+/// in parts of the permitted error: three standard errors are within it.
 const SURE_PART: f64 = 1.0 / 3.0;
 /// [`SURE_PART`] of a row whose form factors and hemicubes agree, and number of standard errors by which rays must
 /// differ from both. Choices.
@@ -295,7 +295,7 @@ pub(crate) struct Converter<'c> {
     cancel: Option<&'c AtomicBool>,
     /// Rays' shares of the last emitter of which they were asked for.
     ray_shares: Option<(InputPatch, RayShares)>,
-    /// The patches with a column that these rays met.
+    /// The patches with a column that these rays met, one a ray: at most 65,536.
     met: Vec<u32>,
     /// Patches in all samples of the row.
     seen: Vec<Seen>,
@@ -822,22 +822,22 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         })
     }
 
-    /// The share of the view that rays found in patches which the row does not see; 0 where it is less than what is
-    /// permitted, or no rays were asked for. Its own sum tells nothing of it where the row has too much elsewhere, as
-    /// that of a wall over fine pipes, whose centroid sees one side of each.
-    fn unseen(&mut self, emitter: &Emitter<'_>, row: &impl UnfinishedRow) -> f64 {
+    /// The share of the view in patches that rays met and the row does not see; 0 up to [`ASKED`] of the permitted error,
+    /// or where no rays were asked for. The row's sum tells nothing of this share where other entries are too large: from
+    /// its centroid, a wall over fine pipes sees one side of each.
+    fn unseen_share(&mut self, emitter: &Emitter<'_>, row: &impl UnfinishedRow) -> f64 {
         let permitted = ASKED * self.permitted;
         let Some(mut found) = self.cast() else { return 0.0 };
-        let unseen = |met: &[u32]| met.iter().filter(|&&patch| !row.sees(patch)).count() as f64;
-        let mut count = unseen(&self.met);
-        // Beyond a standard error of it.
+        let count_of = |met: &[u32]| met.iter().filter(|&&patch| !row.sees(patch)).count() as f64;
+        let mut count = count_of(&self.met);
+        // Takes a standard error of the count off.
         let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
         while is_much(count, &found) && permitted * (found.rays() as f64) < SURE_UNSEEN {
             let before = self.met.len();
             if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
                 break;
             }
-            count += unseen(&self.met[before..]);
+            count += count_of(&self.met[before..]);
         }
         self.found = Some((self.emitter, found));
         if is_much(count, &found) {
@@ -878,7 +878,9 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     ) -> Refined {
         let lacking = self.lacking(emitter, row.sum());
         let by_sum = lacking.filter(|lacking| lacking.sum > SURELY * lacking.error);
-        let missing = by_sum.map_or(0.0, |lacking| lacking.sum).max(self.unseen(emitter, row));
+        let missing = by_sum
+            .map_or(0.0, |lacking| lacking.sum)
+            .max(self.unseen_share(emitter, row));
         let mut refined = Refined::default();
         if missing > 0.0 {
             let is_known = |patch| !(self.receives)(patch) || row.sees(patch);

@@ -28,6 +28,18 @@ use crate::store::RowTable;
 
 /// An enclosure that loses less than this part of its view is closed: rounding.
 const OPEN_LEAST: f64 = 1e-6;
+/// Share of the view above which a scene is open. A choice.
+pub const OPEN: f64 = 0.01;
+
+/// The share of the view that leaves a scene, over its area, where it is more than [`OPEN`]: how warm it is outside
+/// matters then. `area` has the areas of the table's rows; rows not computed do not count.
+pub fn open_share(rows: &RowTable, area: &[f64]) -> Option<f64> {
+    let computed = rows.escaped.iter().zip(area).filter(|(share, _)| !share.is_nan());
+    let (escaped, whole) = computed.fold((0.0, 0.0), |(escaped, whole), (share, area)| {
+        (escaped + share * area, whole + area)
+    });
+    (escaped > OPEN * whole).then(|| escaped / whole)
+}
 /// Heat that adds up to less than this part of its terms adds up to 0.
 const SUM_LEAST: f64 = 1e-9;
 /// A black radiosity below 0 by less than this part of the greatest is 0: the residual of the iteration.

@@ -117,6 +117,9 @@ impl From<Temperature> for f64 {
 }
 
 impl Temperature {
+    /// Temperature in kelvin below which one is asked about ([`question_of_cold`]).
+    pub const COLD: f64 = 100.0;
+
     /// In kelvin.
     pub fn kelvin(self) -> f64 {
         self.kelvin
@@ -126,6 +129,25 @@ impl Temperature {
     pub fn is_celsius(self) -> bool {
         self.is_celsius
     }
+}
+
+/// Number of temperatures that [`question_of_cold`] names.
+const COLD_SHOWN: usize = 3;
+
+/// Asks whether temperatures below [`Temperature::COLD`], each with what it is of, are degrees Celsius; `None` without
+/// any. It names three of them at most.
+pub fn question_of_cold(cold: &[String]) -> Option<String> {
+    let mut shown: Vec<String> = cold.iter().take(COLD_SHOWN).cloned().collect();
+    if cold.len() > COLD_SHOWN {
+        shown.push(format!("{} more", cold.len() - COLD_SHOWN));
+    }
+    (!shown.is_empty()).then(|| {
+        format!(
+            "{}: below {} K; if degrees Celsius are meant, add 273.15, for temperatures are in kelvin",
+            shown.join(", "),
+            Temperature::COLD
+        )
+    })
 }
 
 impl std::str::FromStr for Temperature {

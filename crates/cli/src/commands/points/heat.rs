@@ -2,13 +2,12 @@
 
 use super::Arguments;
 use crate::args::Talk;
-use crate::cold::{COLD, question_cold};
 use crate::exit::hinted;
 use crate::prepare::Prepared;
 use crate::report::{counted, require_matrix};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::points::SensorRow;
-use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution, Temperature};
+use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution, Temperature, question_of_cold};
 use hemicube::store::Store;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -141,17 +140,19 @@ impl Heat {
         }
         let mut cold: Vec<String> = table
             .iter()
-            .filter(|(_, kelvin)| *kelvin < COLD)
+            .filter(|(_, kelvin)| *kelvin < Temperature::COLD)
             .map(|(name, kelvin)| format!("{kelvin} K of `{name}`"))
             .collect();
         for (given, name) in [
             (arguments.sky_temperature, "--sky-temperature"),
             (arguments.ground_temperature, "--ground-temperature"),
         ] {
-            let is_cold = |kelvin: &f64| *kelvin > 0.0 && *kelvin < COLD;
+            let is_cold = |kelvin: &f64| *kelvin > 0.0 && *kelvin < Temperature::COLD;
             cold.extend(given.filter(is_cold).map(|kelvin| format!("{kelvin} K of `{name}`")));
         }
-        question_cold(cold, talk);
+        if let Some(question) = question_of_cold(&cold) {
+            talk.warn(&question);
+        }
         let sky = arguments.sky_temperature.unwrap_or(f64::NAN);
         let ground = arguments.ground_temperature.unwrap_or(sky);
         Ok(Self {

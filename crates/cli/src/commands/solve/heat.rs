@@ -3,7 +3,6 @@
 use super::surfaces::{By, Results};
 use super::{Arguments, Surfaces};
 use crate::args::Talk;
-use crate::cold::{COLD, question_cold};
 use crate::exit::hinted;
 use crate::materials;
 use crate::report::{counted, figures, percent};
@@ -15,17 +14,15 @@ use hemicube::analysis::surfaces::{MatrixTables, heat_by_surface};
 use hemicube::analysis::zones::require_kind;
 use hemicube::sky::StoredSky;
 use hemicube::solve::{
-    Block, Condition, Enclosures, Heat, HeatSolution, Named, OutOfCore, Problem, Properties, Solution, SolveError,
-    SolveOptions, Step, Thermal, Undetermined, enclosures, solve_heat,
+    Block, Condition, Enclosures, Heat, HeatSolution, Named, OPEN, OutOfCore, Problem, Properties, Solution,
+    SolveError, SolveOptions, Step, Temperature, Thermal, Undetermined, enclosures, open_share, question_of_cold,
+    solve_heat,
 };
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
 
 /// Surfaces named of a solution that did not converge.
 const UNSETTLED_SHOWN: usize = 3;
-/// A scene is open when more than this part of its view leaves it.
-const OPEN: f64 = 0.01;
-
 /// A surface in the report: a material, or an object's patches of one material.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Recorded {
@@ -181,7 +178,7 @@ impl Exchange {
         let mut cold: Vec<String> = Vec::new();
         for kind in self.thermal.iter().filter(|kind| kind.is_used) {
             if let Condition::Temperature(given) = kind.condition
-                && given.kelvin() < COLD
+                && given.kelvin() < Temperature::COLD
                 && !given.is_celsius()
             {
                 cold.push(format!("{} K of {}", given.kelvin(), kind.shown()));
@@ -190,24 +187,20 @@ impl Exchange {
         for (given, name) in [(arguments.ambient, "--ambient"), (arguments.ground, "--ground")] {
             if let Some(given) = given.filter(|given| !given.is_celsius())
                 && given.kelvin() > 0.0
-                && given.kelvin() < COLD
+                && given.kelvin() < Temperature::COLD
             {
                 cold.push(format!("{} K of `{name}`", given.kelvin()));
             }
         }
-        question_cold(cold, talk);
-        let (mut escaped, mut area) = (0.0, 0.0);
-        for (&share, &of) in rows.escaped.iter().zip(&table.area) {
-            if !share.is_nan() {
-                escaped += share * of;
-                area += of;
-            }
+        if let Some(question) = question_of_cold(&cold) {
+            talk.warn(&question);
         }
-        if arguments.ambient.is_none() && escaped > OPEN * area {
+        let share = open_share(rows, &table.area);
+        if let Some(share) = share.filter(|_| arguments.ambient.is_none()) {
             talk.warn(&format!(
                 "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` \
                  says how warm it is, and `--ambient 0` that it is cold space",
-                percent(escaped / area)
+                percent(share)
             ));
         }
         let lost = self.undetermined.patches.iter().filter(|&&is| is).count();
