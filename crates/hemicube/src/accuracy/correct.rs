@@ -25,6 +25,7 @@ use crate::factor::{Exchanges, FactorRule, PointFactors};
 use crate::row::RowView;
 use crate::store::{Part, RowShares, RowSums};
 use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::spaces::Spaces;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -89,6 +90,7 @@ impl Correction {
     /// Builds the lookup structures of a row now instead of with the first row: a tree over the scene's surfaces and
     /// one over its coplanar regions. They are cached with the scene.
     pub fn prepare(&self, model: &Model) {
+        Spaces::of(model);
         if matches!(self, Self::Area(_) | Self::Tolerance(_)) {
             Tree::of(model.geometry());
             CoplanarRegions::of(model);
@@ -230,6 +232,38 @@ impl Seen {
     }
 }
 
+/// The hemicubes of a row, in their scene.
+struct View<'a> {
+    model: &'a Model,
+    emitter: u32,
+    hemicubes: &'a [Hemicube],
+    spaces: &'a Spaces,
+}
+
+impl View<'_> {
+    /// Where the weight goes that no surface stopped. In a closed space it went through a seam of the walls, or the patch
+    /// lies on one of them: to backs.
+    fn outside<'s>(&self, sums: &'s mut RowSums) -> &'s mut u64 {
+        if self.spaces.is_closed(self.emitter) {
+            &mut sums.blocked
+        } else {
+            &mut sums.escaped
+        }
+    }
+
+    /// Returns whether a hemicube's centre lies in a patch's plane. A patch without a pixel is seen at its centroid; from
+    /// a point in its plane, that is along the wall that it lies in, and says nothing of what other points see.
+    fn lies_in_plane_of(&self, sample: u32, patch: u32) -> bool {
+        let corners = self.model.normalised_corners(patch);
+        let normal = crate::geometry::cross(&corners).normalize_or_zero();
+        let height = self
+            .hemicubes
+            .get(sample as usize)
+            .map(|h| normal.dot(h.origin - corners[0]));
+        height.is_some_and(|height| height.abs() <= self.model.geometry().plane_tolerance)
+    }
+}
+
 /// The hemicubes' view of a row before correction.
 #[derive(Clone, Copy, Debug)]
 struct Weights {
@@ -358,11 +392,19 @@ impl<'c> Converter<'c> {
         let start = part.data.len();
         // By far the most rows of a large scene: no list of samples to sort and to group.
         let is_plain = hemicubes.len() == 1 && matches!(self.correction, Correction::Area(_));
-        let sums = if is_plain {
-            self.fractions_of_one(rows, &receives)
-        } else {
-            self.gather(rows, &receives)
+        let spaces = Spaces::of(model);
+        let view = View {
+            model,
+            emitter: emitter.0,
+            hemicubes,
+            spaces: &spaces,
         };
+        let sums = if is_plain {
+            self.fractions_of_one(&view, rows, &receives)
+        } else {
+            self.gather(&view, rows, &receives)
+        };
+        let receives = |patch| receives(patch) && !spaces.separate(emitter.0, patch);
         if hemicubes.len() > 1 {
             self.seen.sort_unstable();
         }
@@ -555,15 +597,25 @@ impl<'c> Converter<'c> {
     }
 
     /// Lists the patches in an emitter's samples; returns the sums of their weights.
-    fn gather<'r>(&mut self, rows: impl Iterator<Item = RowView<'r>>, receives: &impl Fn(u32) -> bool) -> RowSums {
+    fn gather<'r>(
+        &mut self,
+        view: &View<'_>,
+        rows: impl Iterator<Item = RowView<'r>>,
+        receives: &impl Fn(u32) -> bool,
+    ) -> RowSums {
         let mut sums = RowSums::default();
         self.seen.clear();
         for (sample, row) in (0u32..).zip(rows) {
-            sums.escaped += u64::from(row.escaped);
+            *view.outside(&mut sums) += u64::from(row.escaped);
             sums.blocked += u64::from(row.blocked);
             for ((&patch, &visible), &covered) in row.patches.iter().zip(row.visible).zip(row.covered) {
-                if receives(patch) {
+                if view.spaces.separate(view.emitter, patch) {
+                    sums.blocked += u64::from(visible);
+                } else if receives(patch) {
                     sums.visible += u64::from(visible);
+                    if (visible, covered) == (0, 0) && view.lies_in_plane_of(sample, patch) {
+                        continue;
+                    }
                     self.seen.push(Seen {
                         patch,
                         sample,
@@ -613,6 +665,7 @@ impl<'c> Converter<'c> {
     /// Lists the patches of a row of one sample, and their visible fractions; returns the sums of its weights.
     fn fractions_of_one<'r>(
         &mut self,
+        view: &View<'_>,
         rows: impl Iterator<Item = RowView<'r>>,
         receives: &impl Fn(u32) -> bool,
     ) -> RowSums {
@@ -620,13 +673,18 @@ impl<'c> Converter<'c> {
         self.patches.clear();
         self.fractions.clear();
         for row in rows {
-            sums.escaped += u64::from(row.escaped);
+            *view.outside(&mut sums) += u64::from(row.escaped);
             sums.blocked += u64::from(row.blocked);
             self.patches.reserve(row.patches.len());
             self.fractions.reserve(row.patches.len());
             for ((&patch, &visible), &covered) in row.patches.iter().zip(row.visible).zip(row.covered) {
-                if receives(patch) {
+                if view.spaces.separate(view.emitter, patch) {
+                    sums.blocked += u64::from(visible);
+                } else if receives(patch) {
                     sums.visible += u64::from(visible);
+                    if (visible, covered) == (0, 0) && view.lies_in_plane_of(0, patch) {
+                        continue;
+                    }
                     self.patches.push(patch);
                     self.fractions.push(fraction(visible, covered));
                 } else {

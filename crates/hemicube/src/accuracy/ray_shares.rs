@@ -7,16 +7,15 @@
 //! share X.
 
 use crate::accuracy::row::Emitter;
-use crate::bvh::{Block, Bounds, INNER, LANES, Tree, UNUSED};
+use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
-use crate::simd::{InstructionSet, dispatch, dot, minus, most};
-use crate::steps;
 use crate::store::shares::RowShares;
-use crate::visibility::segments::{STEPS_A_MET_BLOCK, Segment, crossing, next_block};
+use crate::visibility::nearest::nearest_of;
+use crate::visibility::segments::Segment;
+use crate::visibility::spaces::{Spaces, cross_each_other};
 use crate::visibility::wide::WideTree;
-use glam::DVec3;
 
 /// Bounds of the number of rays that look for shares a hemicube did not see: fewer than a measurement's. Choices.
 const FIRST: usize = 64;
@@ -171,6 +170,8 @@ impl RayShares {
             offset: normal.dot(a),
         };
         let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
+        let spaces = Spaces::of(emitter.model);
+        let is_closed = spaces.is_closed(emitter.patch.0);
         let mut pending = Vec::new();
         for at in (self.rays..wanted).step_by(BATCH) {
             let u = sequence.points(at);
@@ -186,8 +187,9 @@ impl RayShares {
                 let next = |until: f64| wide.next(&segment, until, &mut pending);
                 let met = nearest_of(&tree, ends, &horizon, next, &mut self.blocks);
                 match met.map(|met| met.id) {
-                    None => self.met[0] += 1,
-                    Some(id) if id >= tree.patch_count => self.met[1] += 1,
+                    // A ray that leaves a closed space went through a seam of its walls, to their backs.
+                    None => self.met[usize::from(is_closed)] += 1,
+                    Some(id) if id >= tree.patch_count || spaces.separate(emitter.patch.0, id) => self.met[1] += 1,
                     Some(id) => self.met[2] += u32::from(!receives(id)),
                 }
             }
@@ -231,162 +233,11 @@ pub(crate) fn is_crossed(emitter: &Emitter<'_>) -> bool {
     false
 }
 
-/// Returns whether two triangles have points on either side of each other, farther than `tolerance`, and meet.
-fn cross_each_other(p: &[DVec3; 3], q: &[DVec3; 3], tolerance: f64) -> bool {
-    let is_cut = |p: &[DVec3; 3], q: &[DVec3; 3]| {
-        let normal = geometry::cross(q).normalize_or_zero();
-        let heights = p.map(|corner| normal.dot(corner - q[0]));
-        heights.iter().any(|&h| h > tolerance) && heights.iter().any(|&h| h < -tolerance)
-    };
-    let has_edge_through = |p: &[DVec3; 3], q: &[DVec3; 3]| {
-        let through = q.map(|corner| corner.to_array());
-        [(p[0], p[1]), (p[1], p[2]), (p[2], p[0])]
-            .into_iter()
-            .any(|(from, to)| {
-                let along = (to - from).to_array();
-                crossing(through, from.to_array(), to.to_array(), along).hits
-            })
-    };
-    is_cut(p, q) && is_cut(q, p) && (has_edge_through(p, q) || has_edge_through(q, p))
-}
-
-/// A triangle on a segment.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Met {
-    /// Place along the segment, 0 to 1.
-    pub(crate) place: f64,
-    /// The side seen: a patch, or the tree's patch count for the back of a one-sided one.
-    pub(crate) id: u32,
-    /// Its block and lane, as in [`Tree::slot_of_patch`].
-    pub(crate) slot: u32,
-    pub(crate) corners: [DVec3; 3],
-}
-
-/// The first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
-/// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
-pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
-    pending.clear();
-    pending.push(0);
-    let mut segment = Segment::new(start, end, tree.plane_tolerance);
-    let mut length = 1.0;
-    let next = |until: f64| {
-        if until < length {
-            length = until;
-            segment = Segment::new(start, start + (end - start) * until, tree.plane_tolerance);
-        }
-        next_block(tree, &segment, pending)
-    };
-    let mut blocks = 0;
-    let met = nearest_of(tree, [start, end], horizon, next, &mut blocks);
-    // And the way to where there is none.
-    steps::add(STEPS_A_MET_BLOCK * (blocks + 1));
-    met
-}
-
-/// [`nearest`], of the blocks of triangles that `next` finds on the way up to a place; adds them to `blocks`.
-fn nearest_of(
-    tree: &Tree,
-    [start, end]: [DVec3; 2],
-    horizon: &Plane,
-    mut next: impl FnMut(f64) -> Option<u32>,
-    blocks: &mut u64,
-) -> Option<Met> {
-    let along = end - start;
-    let mut until = 1.0;
-    let mut first: Option<Met> = None;
-    let ends = [start.to_array(), end.to_array()];
-    while let Some(leaf) = next(until) {
-        *blocks += 1;
-        let block = &tree.blocks[leaf as usize];
-        let mut places = [f64::INFINITY; LANES];
-        let tolerance = tree.plane_tolerance;
-        places_by(InstructionSet::widest(), block, &ends, horizon, tolerance, &mut places);
-        for (l, &place) in places.iter().enumerate() {
-            if place.abs() > 1.0 || block.negative[l] == UNUSED {
-                continue;
-            }
-            let ids = if place.is_sign_negative() {
-                &block.positive
-            } else {
-                &block.negative
-            };
-            #[allow(clippy::cast_possible_truncation, reason = "a lane of 16")]
-            let slot = leaf * LANES as u32 + l as u32;
-            let found = Met {
-                place: place.abs(),
-                id: ids[l],
-                slot,
-                corners: block.triangle(l),
-            };
-            let tie = found.tie(along, tree.plane_tolerance);
-            let wins = first.is_none_or(|first| {
-                if (found.place - first.place).abs() <= tie && found.is_in_plane_with(&first, tree.plane_tolerance) {
-                    found.id < first.id
-                } else {
-                    found.place < first.place
-                }
-            });
-            if wins {
-                first = Some(found);
-                // Triangles at the same place are still looked at.
-                until = (found.place + tie).min(1.0);
-            }
-        }
-    }
-    first
-}
-
-impl Met {
-    /// Distance along the segment, in parts of it, within which surfaces of one plane may appear.
-    fn tie(&self, along: DVec3, tolerance: f64) -> f64 {
-        let across = self.normal().dot(along).abs();
-        4.0 * tolerance / across.max(1e-4 * along.length())
-    }
-
-    fn normal(&self) -> DVec3 {
-        geometry::cross(&self.corners).normalize_or_zero()
-    }
-
-    /// Returns whether one of two triangles lies in the plane of the other.
-    fn is_in_plane_with(&self, other: &Self, tolerance: f64) -> bool {
-        let lies_in = |p: &Self, q: &Self| {
-            let normal = q.normal();
-            p.corners
-                .iter()
-                .all(|&corner| normal.dot(corner - q.corners[0]).abs() <= tolerance)
-        };
-        lies_in(self, other) || lies_in(other, self)
-    }
-}
-
-/// Places along a segment where it crosses each of 16 triangles, in parts of its length: negative if it comes from the
-/// side on which determinants are positive, infinite if it does not cross or the triangle lies below `horizon`.
-#[inline(always)]
-fn places(block: &Block, ends: &[[f64; 3]; 2], horizon: &Plane, tolerance: f64, out: &mut [f64; LANES]) {
-    let [x, y] = *ends;
-    let (normal, offset) = (horizon.normal.to_array(), horizon.offset);
-    let d = minus(y, x);
-    for l in 0..LANES {
-        let [a, b, c] = block.corners_of(l);
-        let highest = most(dot(normal, a), most(dot(normal, b), dot(normal, c))) - offset;
-        let crossing = crossing([a, b, c], x, y, d);
-        let place = crossing.at_start / crossing.determinant;
-        out[l] = if crossing.hits & (highest > tolerance) {
-            if crossing.at_start < 0.0 { -place } else { place }
-        } else {
-            f64::INFINITY
-        };
-    }
-}
-
-dispatch! {
-    fn places_by = places(block: &Block, ends: &[[f64; 3]; 2], horizon: &Plane, tolerance: f64, out: &mut [f64; LANES])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{HierarchyOptions, Model};
+    use glam::DVec3;
     use hemicube_scene::InputPatch;
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 

@@ -998,7 +998,12 @@ impl<'c> Refiner<'c> {
                 refined.cut_short |= self.exact.steps() >= precision.most_steps;
                 if let Some(exact) = exact {
                     refined.steps += cast.steps;
-                    pair.fraction = exact.fraction;
+                    // Below its own error, it is no evidence that anything is visible.
+                    pair.fraction = if exact.fraction > exact.error {
+                        exact.fraction
+                    } else {
+                        0.0
+                    };
                     refined.rays += rays as u64;
                     refined.points += exact.points as u64;
                     refined.squared_error += (exact.error * pair.unoccluded).powi(2);

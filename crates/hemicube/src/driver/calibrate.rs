@@ -25,9 +25,11 @@ use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
 use crate::row::{RowBlock, RowView};
+use crate::visibility::spaces::Spaces;
 use crate::{Grouping, Model};
 use grouped::{Draw, added_up, difference, mean_and_error, mean_norm, of_patch};
 use hemicube_scene::InputPatch;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// An effort and a resolution for a tolerance, with the errors found for them.
@@ -214,6 +216,7 @@ pub fn calibrate<'a>(
         weights,
         grouping,
         model,
+        spaces: Spaces::of(model),
         receives,
         tolerance,
         execution,
@@ -266,6 +269,7 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
 /// A sample of a scene's rows, one hemicube each at both resolutions.
 struct Sample<'a> {
     model: &'a Model,
+    spaces: Arc<Spaces>,
     receives: &'a (dyn Fn(u32) -> bool + Sync),
     tolerance: f64,
     execution: Execution<'a>,
@@ -293,6 +297,18 @@ impl Sample<'_> {
         Refiner::new(refinement, self.execution.cancel)
     }
 
+    /// The patches that the k-th row's hemicube saw, with their visible fractions.
+    fn seen<'r>(&'r self, block: &'r RowBlock, k: usize) -> impl Iterator<Item = (u32, f64)> + 'r {
+        let of = self.rows[k].0;
+        seen(block.row(k)).filter(move |&(patch, _)| !self.spaces.separate(of, patch))
+    }
+
+    /// Tells the patches that the k-th row may have an entry for.
+    fn receivers(&self, k: usize) -> impl Fn(u32) -> bool + '_ {
+        let of = self.rows[k].0;
+        move |patch| (self.receives)(patch) && !self.spaces.separate(of, patch)
+    }
+
     /// A row as the matrix has it, with columns of patches.
     fn of_patches(&self, row: Row) -> Row {
         match self.grouping {
@@ -304,7 +320,7 @@ impl Sample<'_> {
     /// A refinement that knows the scene's norm, whether it is open, and its prior variances; and the mean of Σ F² over
     /// the rows of the matrix.
     fn learn(&self) -> Result<(Refinement, f64), ComputeError> {
-        let Self { model, receives, .. } = self;
+        let model = self.model;
         let (count, patch_count) = (self.rows.len(), model.patches().len());
         let plain = Refinement {
             effort: f64::INFINITY,
@@ -324,7 +340,7 @@ impl Sample<'_> {
             }
             self.go_on()?;
             norm += refiner
-                .row(model, self.rows[k], seen(self.fine.row(k)), false, receives)
+                .row(model, self.rows[k], self.seen(&self.fine, k), false, self.receivers(k))
                 .squared_norm;
             entries += refiner.pairs.len();
             counted += 1;
@@ -343,7 +359,13 @@ impl Sample<'_> {
         let mut refiner = self.refiner(known);
         for &k in &self.tried {
             self.go_on()?;
-            refiner.measure_priors(model, self.rows[k], seen(self.fine.row(k)), receives, &mut sums);
+            refiner.measure_priors(
+                model,
+                self.rows[k],
+                self.seen(&self.fine, k),
+                self.receivers(k),
+                &mut sums,
+            );
         }
         let norm = match self.grouping {
             Some(_) => {
@@ -369,15 +391,15 @@ impl Sample<'_> {
         let mut expected_errors = Vec::with_capacity(asked.len());
         for k in asked {
             self.go_on()?;
-            let seen = seen(self.fine.row(k));
-            expected_errors.push(refiner.expected_errors(self.model, self.rows[k], seen, self.receives));
+            let seen = self.seen(&self.fine, k);
+            expected_errors.push(refiner.expected_errors(self.model, self.rows[k], seen, self.receivers(k)));
         }
         Ok(refinement.with_multiplier_of(&expected_errors))
     }
 
     /// The k-th row refined, with its expected error and cost.
     fn refined(&self, refiner: &mut Refiner<'_>, block: &RowBlock, k: usize) -> (Row, Refined) {
-        let refined = refiner.row(self.model, self.rows[k], seen(block.row(k)), false, self.receives);
+        let refined = refiner.row(self.model, self.rows[k], self.seen(block, k), false, self.receivers(k));
         (values(&refiner.pairs), refined)
     }
 

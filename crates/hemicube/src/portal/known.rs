@@ -5,9 +5,9 @@
 //! first band are kept by their ends, and taken from there by the others. So a band's row is the one that it has
 //! alone, to the bit, however many of its legs are known.
 
-use crate::accuracy::ray_shares::{Met, nearest};
 use crate::bvh::{LANES, Tree};
 use crate::geometry::Plane;
+use crate::visibility::nearest::{Met, nearest};
 use glam::DVec3;
 
 /// Legs kept of a row at most: 4 MiB. Of a row of more, those kept first are known.

@@ -3,9 +3,9 @@
 use super::known::KnownLegs;
 use super::motion::{MotionId, Motions, OTHER};
 use super::specular::{Laws, Optics};
-use crate::accuracy::ray_shares::Met;
 use crate::bvh::Tree;
 use crate::geometry::Plane;
+use crate::visibility::nearest::Met;
 use glam::DVec3;
 use std::sync::Arc;
 

@@ -17,6 +17,9 @@ use std::time::Duration;
 
 /// Margin by which boxes are widened: a few f32 roundings (6e-8) over a path of at most 2√3, in normalised units.
 const WIDEN: f32 = 4e-6;
+/// Width beyond a triangle's edges within which it stops a ray, in barycentric coordinates: a thousand roundings. A ray
+/// through an edge that two triangles share is stopped by one of them.
+const HAIR: f64 = 1e-12;
 /// Longer than any segment within normalised coordinates.
 const FAR: f32 = 8.0;
 
@@ -100,12 +103,12 @@ impl Occluder {
         let inverse = 1.0 / determinant;
         let s = origin - self.corner;
         let u = s.dot(p) * inverse;
-        if !(0.0..=1.0).contains(&u) {
+        if !(-HAIR..=1.0 + HAIR).contains(&u) {
             return None;
         }
         let q = s.cross(e);
         let v = direction.dot(q) * inverse;
-        if v < 0.0 || u + v > 1.0 {
+        if v < -HAIR || u + v > 1.0 + HAIR {
             return None;
         }
         let t = f.dot(q) * inverse;
@@ -298,3 +301,26 @@ impl Occluders {
 
 /// Distance beyond the receiver at which a surface in its plane may be met, in lengths of the segment.
 const BEYOND: f64 = 1.001;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::visibility::segments::tests::through_shared_edges;
+
+    #[test]
+    fn a_ray_through_an_edge_that_two_triangles_share_is_stopped() {
+        for (triangles, [start, end]) in through_shared_edges() {
+            let meets = |[a, b, c]: [DVec3; 3]| {
+                let occluder = Occluder {
+                    corner: a,
+                    edges: [b - a, c - a],
+                    surface: 0,
+                    front: 0,
+                    back: None,
+                };
+                occluder.meet(start, end - start).is_some_and(|(at, _)| at < 1.0)
+            };
+            assert!(triangles.into_iter().any(meets), "{triangles:?} from {start} to {end}");
+        }
+    }
+}

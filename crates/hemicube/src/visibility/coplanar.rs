@@ -257,8 +257,8 @@ impl Wall {
     }
 }
 
-/// In place of a surface: two run along an edge the same way. They overlap, or one is the other's back.
-const TWICE: u32 = u32::MAX;
+/// In place of a surface: several run along an edge the same way. They overlap, or one is another's back.
+const SEVERAL: u32 = u32::MAX;
 
 /// Surfaces by the corners they share.
 struct Mesh {
@@ -267,40 +267,75 @@ struct Mesh {
     places: Vec<DVec3>,
     /// The surface along each edge, from one corner to the other.
     along: HashMap<Edge, u32>,
+    /// The surfaces along edges with [`SEVERAL`].
+    several: HashMap<Edge, Vec<u32>>,
+}
+
+/// Numbers the places of the corners of surfaces, visited in `order`: equal coordinates have one number.
+pub(super) fn number_corners(
+    surfaces: &[Surface],
+    order: impl IntoIterator<Item = usize>,
+) -> (Vec<[u32; 3]>, Vec<DVec3>) {
+    let mut known: HashMap<[u64; 3], u32> = HashMap::with_capacity(surfaces.len());
+    let mut places = Vec::new();
+    let mut corners = vec![[0; 3]; surfaces.len()];
+    for index in order {
+        corners[index] = surfaces[index].corners.map(|place| {
+            // 0 and −0 are one place.
+            let bits = (place + DVec3::ZERO).to_array().map(f64::to_bits);
+            *known.entry(bits).or_insert_with(|| {
+                places.push(place);
+                u32::try_from(places.len() - 1).unwrap_or(u32::MAX)
+            })
+        });
+    }
+    (corners, places)
 }
 
 impl Mesh {
     /// Numbers corners in the order of `order`.
     fn of(surfaces: &[Surface], order: &[usize]) -> Self {
-        let mut known: HashMap<[u64; 3], u32> = HashMap::with_capacity(surfaces.len());
-        let mut places = Vec::new();
-        let mut corners = vec![[0; 3]; surfaces.len()];
-        for &index in order {
-            corners[index] = surfaces[index].corners.map(|place| {
-                // 0 and −0 are one place.
-                let bits = (place + DVec3::ZERO).to_array().map(f64::to_bits);
-                *known.entry(bits).or_insert_with(|| {
-                    places.push(place);
-                    u32::try_from(places.len() - 1).unwrap_or(u32::MAX)
-                })
-            });
-        }
+        let (corners, places) = number_corners(surfaces, order.iter().copied());
         let mut along = HashMap::with_capacity(3 * surfaces.len());
+        let mut several: HashMap<Edge, Vec<u32>> = HashMap::new();
         for (surface, triangle) in (0u32..).zip(&corners) {
             for edge in edges(*triangle) {
-                along.entry(edge).and_modify(|of| *of = TWICE).or_insert(surface);
+                let first = *along.entry(edge).or_insert(surface);
+                if first != surface {
+                    let of_edge = several.entry(edge).or_default();
+                    if first != SEVERAL {
+                        of_edge.push(first);
+                        along.insert(edge, SEVERAL);
+                    }
+                    of_edge.push(surface);
+                }
             }
         }
-        Self { corners, places, along }
+        Self {
+            corners,
+            places,
+            along,
+            several,
+        }
     }
 
-    /// The surface on the other side of an edge, if just one is on either side.
-    fn across(&self, edge: Edge) -> Option<u32> {
-        let is_single = self.along.get(&edge) != Some(&TWICE);
-        self.along
-            .get(&edge.reversed())
-            .copied()
-            .filter(|&of| is_single && of != TWICE)
+    /// The surfaces along an edge.
+    fn along(&self, edge: Edge) -> &[u32] {
+        match self.along.get(&edge) {
+            None => &[],
+            Some(&SEVERAL) => self.several.get(&edge).map_or(&[], Vec::as_slice),
+            Some(one) => std::slice::from_ref(one),
+        }
+    }
+
+    /// The surface on the other side of an edge, of those that `is_alike` accepts, if just one of them is on either
+    /// side. Others may be there: in a shell of no thickness, the outer surfaces share the edges of the inner ones.
+    fn across(&self, edge: Edge, is_alike: impl Fn(u32) -> bool) -> Option<u32> {
+        let mut beyond = self.along(edge.reversed()).iter().copied().filter(|&of| is_alike(of));
+        let found = beyond.next().filter(|_| beyond.next().is_none())?;
+        let on_this_side = self.along(edge);
+        let is_single = on_this_side.len() == 1 || on_this_side.iter().filter(|&&of| is_alike(of)).count() == 1;
+        is_single.then_some(found)
     }
 
     /// The convex polygon that surfaces of one plane make up, without corners on its sides; `None` if they make up
@@ -441,18 +476,20 @@ impl Growth<'_> {
             return;
         }
         let is_two_sided = self.surfaces[seed].back.is_some();
+        let is_alike = |next: u32| {
+            let s = &self.surfaces[next as usize];
+            s.back.is_some() == is_two_sided
+                && cross(&s.corners).dot(normal) > 0.0
+                && s.corners.iter().all(|&p| is_within(p))
+        };
         let mut listed: HashSet<u32> = region.iter().copied().collect();
         let mut at = 0;
         while at < region.len() {
             for edge in edges(self.mesh.corners[region[at] as usize]) {
-                let Some(next) = self.mesh.across(edge) else { continue };
-                let s = &self.surfaces[next as usize];
-                if !self.taken[next as usize]
-                    && !listed.contains(&next)
-                    && s.back.is_some() == is_two_sided
-                    && cross(&s.corners).dot(normal) > 0.0
-                    && s.corners.iter().all(|&p| is_within(p))
-                {
+                let Some(next) = self.mesh.across(edge, is_alike) else {
+                    continue;
+                };
+                if !self.taken[next as usize] && !listed.contains(&next) {
                     listed.insert(next);
                     region.push(next);
                 }

@@ -187,6 +187,9 @@ fn next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u
     None
 }
 
+/// Width beyond a triangle's edges within which it stops a segment, in barycentric coordinates: a thousand roundings.
+pub(crate) const HAIR: f64 = 1e-12;
+
 /// The crossing of a segment's line with a triangle's plane.
 pub(crate) struct Crossing {
     /// True if the segment crosses the triangle, strictly between its ends.
@@ -208,7 +211,9 @@ pub(crate) fn crossing([a, b, c]: [[f64; 3]; 3], start: [f64; 3], end: [f64; 3],
     let q = cross(s, direction);
     let u = dot(f, q) * sign;
     let v = -dot(e, q) * sign;
-    let within = (u >= 0.0) & (v >= 0.0) & (u + v <= determinant * sign);
+    // A hair beyond its edges, too: a segment through an edge that two triangles share is stopped by one of them.
+    let (size, hair) = (determinant * sign, determinant * sign * HAIR);
+    let within = (u >= -hair) & (v >= -hair) & (u + v <= size + hair);
     let between = (at_start > 0.0) & (at_end < 0.0) | (at_start < 0.0) & (at_end > 0.0);
     Crossing {
         hits: within & between,
@@ -251,4 +256,42 @@ dispatch! {
 }
 dispatch! {
     fn dispatch_crossed = crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64) -> (u16, u16)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::sampling::splitmix;
+
+    /// Two triangles with a common edge, and a segment through a point of that edge: pairs of them, all turned another way.
+    pub(crate) fn through_shared_edges() -> impl Iterator<Item = ([[DVec3; 3]; 2], [DVec3; 2])> {
+        let mut state = 7;
+        let mut random = move || splitmix::unit(splitmix::next(&mut state)) - 0.5;
+        std::iter::repeat_with(move || {
+            let mut point = || DVec3::new(random(), random(), random());
+            let [a, b, c, d] = [point(), point(), point(), point()];
+            let (start, share) = (point() + DVec3::Z, 0.5 + point().x);
+            let through = a + (b - a) * share;
+            // The third corners stand on either side of the edge as the segment sees it.
+            let along = through - start;
+            let aside = (b - a).cross(along).normalize();
+            let [c, d] = [
+                c - aside * (aside.dot(c - a) - 0.4),
+                d - aside * (aside.dot(d - a) + 0.4),
+            ];
+            ([[a, b, c], [b, a, d]], [start, start + along * 2.0])
+        })
+        .take(20_000)
+    }
+
+    #[test]
+    fn a_segment_through_an_edge_that_two_triangles_share_is_stopped() {
+        for (triangles, [start, end]) in through_shared_edges() {
+            let is_stopped = triangles.iter().any(|triangle| {
+                let corners = triangle.map(|corner| corner.to_array());
+                crossing(corners, start.to_array(), end.to_array(), (end - start).to_array()).hits
+            });
+            assert!(is_stopped, "{triangles:?} from {start} to {end}");
+        }
+    }
 }

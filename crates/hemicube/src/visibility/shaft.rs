@@ -20,7 +20,7 @@ use crate::sampling::sobol::{self, Sequence, fold};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::steps;
 use crate::visibility::coplanar::CoplanarRegions;
-use crate::visibility::segments::{Obstacles, Segments};
+use crate::visibility::segments::{HAIR, Obstacles, Segments};
 use glam::DVec3;
 use std::ops::Range;
 
@@ -37,6 +37,14 @@ const OUTSIDE_OF_RISE: f64 = 0.01;
 /// the distance of a patch's corners from the occluder's plane. Rays in f32 do not know on which side of it they begin
 /// and end. A choice.
 const NEAR_PLANE: f64 = 1e-4;
+
+/// Distance within which a proof takes points for points of a polygon, in radii of the smaller patch, at most. A choice:
+/// of a patch so far behind an edge, a thousandth is taken for hidden.
+const PROVED_WITHIN: f64 = 1e-3;
+
+/// Width beyond a triangle's edges within which it stops a ray in f32, in barycentric coordinates: a few roundings. A ray
+/// through an edge that two triangles share is stopped by one of them.
+const SINGLE_HAIR: f32 = 1e-6;
 
 /// Distance of centroids in radii below which a pair [is near](TrianglePair::is_near). A choice.
 const NEAR: f64 = 2.0;
@@ -532,6 +540,11 @@ impl Shaft {
                     slot,
                     size: normal.length_squared() as f32,
                 };
+                if proves_occluded(regions.corners(region), pair, tolerance) {
+                    pair.is_occluded = true;
+                    self.occluders.truncate(start);
+                    return;
+                }
                 // An occluder that rises slowly lies nearer to a small patch than its greatest height tells.
                 let near = (NEAR_PLANE * size).powi(2) * normal.length_squared();
                 let all_but_touches = |t: &[DVec3; 3]| t.iter().all(|&p| normal.dot(p - a).powi(2) <= near);
@@ -543,11 +556,6 @@ impl Shaft {
                     pair.near_plane.push([a, b, c]);
                     pair.near_regions.push(region);
                 } else {
-                    if proves_occluded(regions.corners(region), pair) {
-                        pair.is_occluded = true;
-                        self.occluders.truncate(start);
-                        return;
-                    }
                     self.occluders.push(occluder);
                 }
             }
@@ -780,29 +788,35 @@ impl Shaft {
     }
 }
 
-/// Returns whether all nine segments between corners pass through the inside of a convex polygon in the scene's
-/// coordinates. Then every segment between the two triangles does: they pass the polygon's plane within the convex hull
-/// of those nine points.
-fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair) -> bool {
+/// Returns whether all nine segments between corners pass through a convex polygon in the scene's coordinates. Then every
+/// segment between the two triangles does: they pass the polygon's plane within the convex hull of those nine points.
+///
+/// The polygon is closed: a wall hides what lies behind it from a patch that it stands on. Corners count as in its plane,
+/// and points as on its edge, within the scene's tolerance, or a thousandth of the smaller patch where that is less.
+fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bool {
     let first = polygon[0] - pair.origin;
     let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
+    let length = normal.length();
+    let (small, _) = pair.by_size();
+    let tolerance = tolerance.min(PROVED_WITHIN * Sphere::of(small).radius());
+    let slack = tolerance * length;
     let heights = |t: &[DVec3; 3]| {
-        [
-            normal.dot(t[0] - first),
-            normal.dot(t[1] - first),
-            normal.dot(t[2] - first),
-        ]
+        t.map(|p| normal.dot(p - first))
+            .map(|h| if h.abs() <= slack { 0.0 } else { h })
     };
     let (of_emitter, of_receiver) = (heights(&pair.emitter), heights(&pair.receiver));
-    let side = of_emitter[0];
-    if of_emitter.iter().any(|h| h * side <= 0.0) || of_receiver.iter().any(|h| h * side >= 0.0) {
+    let side = of_emitter.iter().sum::<f64>();
+    let is_beside =
+        |heights: [f64; 3], side: f64| heights.iter().all(|h| h * side >= 0.0) && heights.iter().any(|&h| h != 0.0);
+    if !is_beside(of_emitter, side) || !is_beside(of_receiver, -side) {
         return false;
     }
     let is_inside = |at: DVec3| {
         let mut before = polygon[polygon.len() - 1] - pair.origin;
         for corner in polygon {
             let corner = *corner - pair.origin;
-            if (corner - before).cross(at - before).dot(normal) <= 0.0 {
+            let edge = corner - before;
+            if edge.cross(at - before).dot(normal) < -slack * edge.length() {
                 return false;
             }
             before = corner;
@@ -811,7 +825,8 @@ fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair) -> bool {
     };
     for (&p, hp) in pair.emitter.iter().zip(of_emitter) {
         for (&q, hq) in pair.receiver.iter().zip(of_receiver) {
-            if !is_inside(geometry::crossing(p, q, hp, hq)) {
+            // Segments in the polygon's plane are the rim of those that pass it.
+            if (hp != 0.0 || hq != 0.0) && !is_inside(geometry::crossing(p, q, hp, hq)) {
                 return false;
             }
         }
@@ -1253,13 +1268,13 @@ fn mark_stopped(
     for t in near_plane {
         let n = normal(t);
         let sides = sides(t, n);
-        let (n, first) = (n.to_array(), t[0].to_array());
+        let (n, first, hair) = (n.to_array(), t[0].to_array(), HAIR * n.length_squared());
         for l in 0..RAYS {
             let (x, y) = ([from[0][l], from[1][l], from[2][l]], [to[0][l], to[1][l], to[2][l]]);
             let (hx, hy) = (dot(n, minus(x, first)), dot(n, minus(y, first)));
             let (d, share) = (minus(y, x), hx / (hx - hy));
             let p = [x[0] + d[0] * share, x[1] + d[1] * share, x[2] + d[2] * share];
-            let within = |(inwards, s): ([f64; 3], [f64; 3])| dot(inwards, minus(p, s)) >= 0.0;
+            let within = |(inwards, s): ([f64; 3], [f64; 3])| dot(inwards, minus(p, s)) >= -hair;
             out[l] |= u64::from((hx * hy < 0.0) & within(sides[0]) & within(sides[1]) & within(sides[2]));
         }
     }
@@ -1319,7 +1334,8 @@ fn hits(occluders: &[Occluder], batch: &mut RayBatch) {
             let u = (f[0] * q[0] + f[1] * q[1] + f[2] * q[2]) * sign;
             let v = -(e[0] * q[0] + e[1] * q[1] + e[2] * q[2]) * sign;
             let is_between = (at > 1e-6 * size) & (at < (1.0 - 1e-6) * size);
-            hit[l] |= u32::from(is_between & (u >= 0.0) & (v >= 0.0) & (u + v <= size));
+            let hair = SINGLE_HAIR * size;
+            hit[l] |= u32::from(is_between & (u >= -hair) & (v >= -hair) & (u + v <= size + hair));
         }
         // With every ray stopped, the rest change nothing.
         if count % 4 == 3 && hit.iter().all(|&h| h != 0) {
@@ -1383,6 +1399,7 @@ mod tests {
     use super::*;
     use crate::geometry::area;
     use crate::sampling::splitmix;
+    use crate::visibility::segments::tests::through_shared_edges;
     use crate::{HierarchyOptions, Model};
     use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
@@ -1449,6 +1466,73 @@ mod tests {
         shaft.cast_segments(obstacles, &pair, rays, 1, &mut cast);
         let count = pair.occluders.len() + pair.near_plane.len() + pair.coplanar.len();
         (count, cast.sums.visible / cast.sums.all)
+    }
+
+    /// By rays in f32 against a list, and by the test in f64 of what is near a plane.
+    #[test]
+    fn a_ray_through_an_edge_that_two_triangles_share_is_stopped() {
+        let single = |p: DVec3| p.to_array().map(|x| x as f32);
+        let all: Vec<_> = through_shared_edges().collect();
+        for (triangles, [start, end]) in &all {
+            let mut batch = RayBatch::new();
+            batch.set(0, *start, *end - *start, false);
+            let occluder = |[a, b, c]: [DVec3; 3]| Occluder {
+                corner: single(a),
+                edges: [single(b - a), single(c - a)],
+                normal: single((b - a).cross(c - a)),
+                slot: 0,
+                size: 1.0,
+            };
+            hits(&triangles.map(occluder), &mut batch);
+            assert!(batch.hit[0] != 0, "{triangles:?} from {start} to {end}");
+            let lanes = |p: DVec3| p.to_array().map(|x| [x; RAYS]);
+            let mut stopped = [0; RAYS];
+            mark_stopped(triangles, &[], &lanes(*start), &lanes(*end), &mut stopped);
+            assert_eq!(stopped, [1; RAYS], "{triangles:?} from {start} to {end}");
+        }
+    }
+
+    /// Walls that meet at a corner of a room do not hide each other, whichever wall stands on both.
+    #[test]
+    fn a_wall_hides_what_is_behind_it_and_no_neighbour() {
+        let p = DVec3::new;
+        // Two squares face each other 1 apart; a wall between them, larger, as large, and smaller by a hair.
+        for (beyond, is_hidden) in [(0.5, true), (0.0, true), (-1e-6, false)] {
+            let (low, high) = (-beyond, 1.0 + beyond);
+            let wall = [
+                p(low, low, 0.5),
+                p(high, low, 0.5),
+                p(high, high, 0.5),
+                p(low, high, 0.5),
+            ];
+            let model = scene(&[[wall[0], wall[1], wall[2]], [wall[0], wall[2], wall[3]]]);
+            assert_eq!(proved(&model, 0, 2), is_hidden.then_some(0.0), "{beyond}");
+        }
+        // A wall that stands on the first square, as high as the second: a floor and what lies beyond, hidden from each
+        // other; the same floor and the wall, not.
+        let wall = [p(0.5, 0.0, 0.0), p(0.5, 1.0, 0.0), p(0.5, 1.0, 1.0), p(0.5, 0.0, 1.0)];
+        let floor = [p(0.0, 0.0, 0.0), p(0.5, 0.0, 0.0), p(0.5, 1.0, 0.0)];
+        let beyond = [p(1.0, 0.0, 0.0), p(1.0, 0.0, 1.0), p(1.0, 1.0, 1.0)];
+        let model = made(vec![
+            floor,
+            beyond,
+            [wall[0], wall[2], wall[1]],
+            [wall[0], wall[3], wall[2]],
+        ]);
+        assert_eq!(proved(&model, 0, 1), Some(0.0));
+        assert_eq!(proved(&model, 0, 2), Some(1.0));
+    }
+
+    fn proved(model: &Model, i: u32, j: u32) -> Option<f64> {
+        let mut shaft = Shaft::default();
+        let regions = CoplanarRegions::of(model);
+        let (first, second) = (model.normalised_corners(i), model.normalised_corners(j));
+        let pair = shaft.pair(
+            obstacles(model, &regions),
+            PatchTriangle::new(i, &first),
+            PatchTriangle::new(j, &second),
+        );
+        pair.proved_fraction()
     }
 
     #[test]

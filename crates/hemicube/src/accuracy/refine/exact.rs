@@ -63,6 +63,9 @@ const STEPS_OF_SHADOWS: u64 = 500;
 /// weight, and may not have been drawn yet where all others agree: of a pair a hundredth as high as far apart, 4,096
 /// did, and all of its factor was wrong.
 const MOST_SHADOWS: u64 = 24;
+/// Part of a pair's closed form that the sums of its shadows may be off by rounding. A choice: a thousand roundings and
+/// more; cells come to 10⁻¹¹ where nothing is visible.
+const ROUNDING: f64 = 1e-10;
 /// Share of the permitted error that rays may be expected to have: theirs is no bound.
 const RAYS_SHARE: f64 = 1.0 / 3.0;
 
@@ -315,7 +318,13 @@ impl Refiner<'_> {
             .critical
             .measure(&self.shaft, obstacles.regions, bodies, pair, bound)
         {
-            measured.fraction = (1.0 - blocked.exchange / exchange_area).clamp(0.0, 1.0);
+            let visible = exchange_area - blocked.exchange;
+            // Below its own error, it is no evidence that anything is visible.
+            measured.fraction = if visible > blocked.error.max(ROUNDING * exchange_area) {
+                (visible / exchange_area).min(1.0)
+            } else {
+                0.0
+            };
             measured.error = blocked.error as f32;
             measured.points = blocked.points as u32;
             return measured;
