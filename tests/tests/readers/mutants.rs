@@ -47,7 +47,7 @@ fn seeds() -> Vec<(PathBuf, Vec<u8>, Read)> {
     let mut folders = vec![
         workspace().join("crates/scene/fuzz/corpus"),
         workspace().join("crates/scene/tests"),
-        workspace().join("tests/tests/formats"),
+        workspace().join("tests/tests/outside/formats"),
     ];
     let mut found = Vec::new();
     while let Some(folder) = folders.pop() {

@@ -7,9 +7,7 @@
 
 #![cfg(unix)]
 
-#[path = "book/page.rs"]
 mod page;
-#[path = "book/run.rs"]
 mod run;
 
 use hemicube_tests::scenes::{skip, workspace};
