@@ -13,6 +13,7 @@ mod extremes;
 mod fractions;
 mod large_patches;
 mod layers;
+mod layout;
 mod patches;
 mod random_pairs;
 mod reference;

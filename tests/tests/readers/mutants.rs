@@ -2,7 +2,7 @@
 //! of it a scene that can be repaired and cut; it never panics, never hangs, and never makes more than
 //! `docs/security.md` allows.
 //!
-//! A short run each time; `cargo test --release -p hemicube-tests --test mutants -- --ignored` is the long one.
+//! A short run each time; the long one: `cargo test --release -p hemicube-tests --test readers -- mutants:: --ignored`
 
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{
