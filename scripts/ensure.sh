@@ -42,11 +42,9 @@ tools_folder() {
 }
 
 # python_environment NAME PIP_ARGUMENT ... — prints the Python of an environment that has these packages. One is made for each
-# list of arguments, and each content of what `-r` names. With `--made` first, it fails where none was made.
+# list of arguments, and each content of what `-r` names.
 python_environment() {
-    local made= name folder key argument
-    [ "$1" != --made ] || { made=1; shift; }
-    name=$1
+    local name=$1 folder key argument
     shift
     command -v python3 >/dev/null || return 1
     key=$({ python3 -c 'import sys; print(sys.version, sys.executable)'
@@ -54,7 +52,6 @@ python_environment() {
         sha256sum | cut -c1-12)
     folder=$(tools_folder)/$name-$key || return 1
     if ! [ -f "$folder/complete" ]; then
-        [ -z "$made" ] || return 1
         rm -rf "$folder"
         python3 -m venv "$folder" >&2 && "$folder/bin/python" -m pip install -q --disable-pip-version-check "$@" >&2 || return 1
         touch "$folder/complete"
