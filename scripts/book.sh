@@ -4,27 +4,25 @@
 #   scripts/book.sh [DIR]
 #   scripts/book.sh --mdbook      only says where mdbook is, which it brings
 #
-# mdbook is taken from PATH, or built once into the target folder: without its server and without optimisation, in a minute.
+# mdbook is taken from PATH, or built once into the folder of tools (scripts/ensure.sh): without its server and without optimisation, in a minute.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-target=${CARGO_TARGET_DIR:-target}
-mkdir -p "$target"
-target=$(cd "$target" && pwd)
+. scripts/ensure.sh
+tools=$(tools_folder)
 version=0.5.4
 
 mdbook=$(command -v mdbook || true)
 case $([ -n "$mdbook" ] && "$mdbook" --version) in
     "mdbook v${version%.*}."*) ;;
     *)
-        mdbook=$target/mdbook/bin/mdbook
+        mdbook=$tools/mdbook/bin/mdbook
         if [ "$("$mdbook" --version 2>/dev/null)" != "mdbook v$version" ]; then
-            . scripts/ensure.sh
             ensure_linker
             ensure_rust
             # A folder of its own for what it is built from: nothing of the workspace is built anew because of it.
             CARGO_PROFILE_DEV_DEBUG=0 cargo install mdbook --version "$version" --locked --no-default-features --debug --quiet \
-                --root "$target/mdbook" --target-dir "$target/mdbook/build" >&2
-            rm -rf "$target/mdbook/build"
+                --root "$tools/mdbook" --target-dir "$tools/mdbook/build" >&2
+            rm -rf "$tools/mdbook/build"
         fi
         ;;
 esac

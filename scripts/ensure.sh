@@ -34,6 +34,31 @@ ensure_packages() {
     rm -f "$log"
 }
 
+# tools_folder — names the folder of environments that are made once and kept, whatever clone asks: Python's, Node's modules,
+# mdbook, what builds wheels. HEMICUBE_TOOLS names another one; it may be removed at any time between runs.
+tools_folder() {
+    local folder=${HEMICUBE_TOOLS:-${XDG_CACHE_HOME:-$HOME/.cache}/hemicube-tools}
+    mkdir -p "$folder" && (cd "$folder" && pwd)
+}
+
+# python_environment NAME PIP_ARGUMENT ... — prints the Python of an environment that has these packages. One is made for each
+# list of arguments, and each content of what `-r` names.
+python_environment() {
+    local name=$1 folder key argument
+    shift
+    command -v python3 >/dev/null || return 1
+    key=$({ python3 -c 'import sys; print(sys.version, sys.executable)'
+        for argument in "$@"; do if [ -f "$argument" ]; then cat "$argument"; else printf '%s\n' "$argument"; fi; done; } |
+        sha256sum | cut -c1-12)
+    folder=$(tools_folder)/$name-$key || return 1
+    if ! [ -f "$folder/complete" ]; then
+        rm -rf "$folder"
+        python3 -m venv "$folder" >&2 && "$folder/bin/python" -m pip install -q --disable-pip-version-check "$@" >&2 || return 1
+        touch "$folder/complete"
+    fi
+    printf '%s\n' "$folder/bin/python"
+}
+
 # ensure_linker — Rust links with the C compiler, which needs the C library's start-up files beside it.
 ensure_linker() {
     if ! echo 'int main(void) { return 0; }' | cc -x c -o /dev/null - 2>/dev/null; then

@@ -1,11 +1,16 @@
 #!/usr/bin/env bash
 # Bundles the 3-D view of `hemicube report`: crates/cli/viewer/src and three.js into crates/cli/viewer/viewer.js. That is
-# committed, so that building hemicube needs no Node. scripts/viewer.sh [--check]
+# committed, so that building hemicube needs no Node. scripts/viewer.sh [--check | --bring]
 #
 #   --check   compare with the committed file, and change nothing
+#   --bring   only bring three.js and esbuild, which is done once for each package-lock.json
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../crates/cli/viewer"
-npm ci --ignore-scripts --no-audit --no-fund --loglevel=error >&2
+if ! cmp -s package-lock.json node_modules/brought-for.json; then
+    npm ci --ignore-scripts --no-audit --no-fund --loglevel=error >&2
+    cp package-lock.json node_modules/brought-for.json
+fi
+[ "${1:-}" != --bring ] || exit 0
 out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
 node node_modules/esbuild/bin/esbuild src/main.js --bundle --minify --format=esm --target=es2022 --charset=utf8 \

@@ -4,7 +4,7 @@
 #   scripts/wheels.sh FOLDER [PROCESSOR ...]           PROCESSOR: x86_64 or aarch64; both without any
 #   scripts/wheels.sh --quick FOLDER [PROCESSOR ...]   with little optimisation, in a fraction of the time: to be tried, not kept
 #
-# maturin and Zig come from PyPI into the target folder, Rust's standard library for the other processor from rustup.
+# maturin and Zig come from PyPI into the folder of tools (scripts/ensure.sh), Rust's standard library for the other processor from rustup.
 # Zig links against glibc 2.17 on any machine (manylinux2014). A processor whose wheel cannot be built has a line
 # `SKIP PROCESSOR: the reason`, and the script ends with 3; HEMICUBE_REQUIRE_WHEELS=1 makes that a failure, 1.
 set -euo pipefail
@@ -28,9 +28,6 @@ done
 . scripts/ensure.sh
 ensure_linker
 ensure_rust
-target=${CARGO_TARGET_DIR:-target}
-mkdir -p "$target"
-target=$(cd "$target" && pwd)
 mkdir -p "$folder"
 folder=$(cd "$folder" && pwd)
 
@@ -40,16 +37,12 @@ skip() {
     printf 'SKIP %s: %s\n' "$1" "$2"
 }
 
-tools=$target/wheel-tools
-if ! "$tools/bin/maturin" --version >/dev/null 2>&1 || ! "$tools/bin/python" -m ziglang version >/dev/null 2>&1; then
-    python3 -c 'import ensurepip' 2>/dev/null || ensure_packages ensurepip:python3-venv
-    rm -rf "$tools"
-    if ! { python3 -m venv "$tools" &&
-        "$tools/bin/python" -m pip install -q --disable-pip-version-check 'maturin>=1.9,<2' 'ziglang>=0.13'; }; then
-        for processor in "$@"; do skip "$processor" "maturin and ziglang could not be installed from PyPI"; done
-        set --
-    fi
+python3 -c 'import ensurepip' 2>/dev/null || ensure_packages ensurepip:python3-venv
+if ! tools=$(python_environment wheels 'maturin>=1.9,<2' 'ziglang>=0.13'); then
+    for processor in "$@"; do skip "$processor" "maturin and ziglang could not be installed from PyPI"; done
+    set --
 fi
+tools=${tools%/bin/python}
 
 for processor in "$@"; do
     triple=$processor-unknown-linux-gnu

@@ -2,7 +2,7 @@
 #![allow(clippy::cast_possible_truncation, reason = "test matrices are small")]
 #![allow(clippy::print_stderr, reason = "a test that is skipped says so")]
 
-#[path = "../../hemicube/tests/store/sample.rs"]
+#[path = "../../hemicube/tests/matrices/store/sample.rs"]
 mod sample;
 
 use hemicube::analysis::compare::{CompareOptions, compare};

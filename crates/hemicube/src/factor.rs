@@ -42,8 +42,8 @@ pub struct FactorRule {
 impl FactorRule {
     /// The rule for a relative tolerance, with an own error well below it.
     pub fn for_tolerance(tolerance: f64) -> Self {
-        // Errors of each step on real rows are measured in `backends/cpu/tests/ladder.rs`: below 6e-4 for the first,
-        // 4e-5 for the third.
+        // Errors of each step on real rows are measured in `backends/cpu/tests/engines/ladder.rs`: below 6e-4 for
+        // the first, 4e-5 for the third.
         let (far, one, six, twenty_four, precision) = match tolerance {
             t if t >= 2.5e-3 => (3.5, 8.0, 1.5, 0.6, Precision::of_both(1e-4, 2e-3)),
             t if t >= 1.5e-3 => (6.5, 15.0, 2.1, 0.85, Precision::of_both(3e-5, 6e-4)),

@@ -32,7 +32,7 @@ impl Default for HierarchyOptions {
 const EXTENTS: std::ops::RangeInclusive<f64> = 1e-60..=1e60;
 
 /// Least length of a triangle's longest edge, in heights up to which corners count as in a plane. A room of triangles
-/// just above it has the rows of the room alone (`tests/tests/extremes.rs`); with edges as short as the height itself,
+/// just above it has the rows of the room alone (`promises::extremes`); with edges as short as the height itself,
 /// nothing sees anything.
 const DWARFED: f64 = 16.0;
 

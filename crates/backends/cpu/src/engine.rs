@@ -9,7 +9,7 @@
 //!   no reduction; a box is hidden if its bits are set.
 //!
 //! All rasterise with the same code, so that their pixel sums are the same bits wherever f32 depths can tell surfaces
-//! apart (`tests/tests/engines.rs`). All draw parent triangles and distribute their visible weights over the patches
+//! apart (`backends::engines`). All draw parent triangles and distribute their visible weights over the patches
 //! (`distribute.rs`).
 //!
 //! No visible sets shared by neighbours, because even an oracle that finds them for nothing gains 1.2 times once they

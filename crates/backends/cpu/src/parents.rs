@@ -15,7 +15,7 @@
 //! Corrections use weights as fractions only, and load a backend for those (`load_for_fractions`, by default `load`).
 //! Then a parent with all covered pixels visible has its patches listed without drawing, and of another only patches
 //! are drawn with a box of pixels not wholly visible; fully visible patches share the rest of the parent's weight
-//! evenly. So rows still sum to 2³¹, and fractions are those of weights, to the bit (`tests/tests/fractions.rs`);
+//! evenly. So rows still sum to 2³¹, and fractions are those of weights, to the bit (`promises::fractions`);
 //! sub-pixel patches at the rim of a visible parent are added. Culling must not decide if a patch is asked for: unknown
 //! covered pixels of a parent are counted.
 //!

@@ -24,7 +24,7 @@
 //! nearer to the reference by it. The shares of a corrected row are refined with it
 //! ([`RowShares`](crate::store::RowShares)): in the open tᵢ is the row's sum already, and exact factors stay unchanged;
 //! where nothing is lost, tᵢ = 1 moves all of the row alike, usually away from the reference.
-//! `what_balancing_does_to_the_error` in tests/tests/balance.rs measures it.
+//! `what_balancing_does_to_the_error` in promises::balance measures it.
 //!
 //! Where mirrors and panes hand on p = ρs + τ of what arrives, rows close by what is kept:
 //!

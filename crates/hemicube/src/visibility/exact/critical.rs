@@ -1694,7 +1694,7 @@ mod tests {
                 exact: 0.203_167_01,
                 known: 5e-7,
             },
-            // A pair of `tests/tests/random_pairs.rs`: two rules agreed by chance on some of its cells.
+            // A pair of `promises::random_pairs`: two rules agreed by chance on some of its cells.
             Case {
                 quads: vec![
                     level([0.0, 2.657], [0.0, 0.508], 0.0),

@@ -849,3 +849,31 @@ fn cases_from_the_field() {
             .says(&["2 of 6 suns", "lines 4 and 6"]);
     }
 }
+
+#[test]
+fn a_file_without_triangles_says_what_it_has_instead() {
+    let place = Place::new();
+    let strip = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                 element face 0\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n";
+    place.write("none.ply", strip);
+    place
+        .line("inspect none.ply")
+        .is(2)
+        .says(&["none.ply: holds no triangle"]);
+    let cell = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n\
+                0 0 0 1 0 0 0 1 0 0 0 1\n\
+                CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n42\n";
+    place.write("poly.vtk", cell);
+    place
+        .line("inspect poly.vtk")
+        .is(2)
+        .says(&["poly.vtk: holds no triangle that is read", "1 × polyhedron, not read"]);
+    let text = "# exported by a tool that puts its name first, and then some more words to fill a header\n\
+                solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+                endsolid a\n";
+    place.write("named.stl", text);
+    place
+        .line("inspect named.stl")
+        .is(2)
+        .says(&["named.stl:1: is text that does not begin with `solid`"]);
+}

@@ -1,21 +1,20 @@
-//! Scenes as people bring them, held against closed forms and the second law: a flat with furniture and a door, a
-//! furnace with a billet, a satellite with panels, a courtyard whose ground is called `ground`.
+//! Heat in scenes of the field, held against closed forms and the second law: a flat with furniture and a door, a
+//! furnace with a billet, a tank of several materials, a satellite with panels.
 
-use hemicube_tests::runs::{Place, finish};
-use std::collections::BTreeSet;
+use hemicube_tests::runs::Place;
 use std::fmt::Write as _;
 
 type Point = [f64; 3];
 
 /// An OBJ file in the making.
 #[derive(Default)]
-struct Obj {
-    text: String,
+pub(crate) struct Obj {
+    pub(crate) text: String,
     corners: usize,
 }
 
 impl Obj {
-    fn polygon(&mut self, corners: &[Point]) {
+    pub(crate) fn polygon(&mut self, corners: &[Point]) {
         for [x, y, z] in corners {
             writeln!(self.text, "v {x} {y} {z}").expect("a string");
         }
@@ -24,17 +23,17 @@ impl Obj {
         self.corners += corners.len();
     }
 
-    fn object(&mut self, name: &str, material: &str) -> &mut Self {
+    pub(crate) fn object(&mut self, name: &str, material: &str) -> &mut Self {
         writeln!(self.text, "o {name}\nusemtl {material}").expect("a string");
         self
     }
 
-    fn surface(&mut self, name: &str, material: &str, corners: &[Point]) {
+    pub(crate) fn surface(&mut self, name: &str, material: &str, corners: &[Point]) {
         self.object(name, material).polygon(corners);
     }
 
     /// The six sides of a box, seen from outside.
-    fn block(&mut self, [x, y, z]: Point, [a, b, c]: Point) {
+    pub(crate) fn block(&mut self, [x, y, z]: Point, [a, b, c]: Point) {
         for side in [
             [[x, y, z], [x, b, z], [a, b, z], [a, y, z]],
             [[x, y, c], [a, y, c], [a, b, c], [x, b, c]],
@@ -172,7 +171,7 @@ fn a_flat_at_one_temperature_is_at_rest_and_its_doors_are_not_cold() {
 }
 
 /// A cube of 2 m with the objects `lower`, `upper` and `shell`: all of paint, but for one side of the shell, of steel.
-fn tank() -> String {
+pub(crate) fn tank() -> String {
     let corner = |x: f64, y: f64, z: f64| [2.0 * x, 2.0 * y, 2.0 * z];
     let side = |at: fn([f64; 2]) -> [f64; 3]| {
         [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|uv| {
@@ -303,91 +302,4 @@ fn panels_of_a_satellite_are_nodes_of_two_sides() {
     );
     let sum = heat_of(&solved.err, "cells_p") + heat_of(&solved.err, "back_p");
     assert!((sum - 1000.0).abs() < 5.0, "{sum}");
-}
-
-/// Three numbers with decimal commas were taken for a point and its direction, and points in millimetres for points of
-/// an open field.
-#[test]
-fn tables_in_other_units_and_with_decimal_commas_are_told() {
-    let place = Place::new();
-    place.write("tank.obj", tank());
-    let points = |text: &str, rest: &str| {
-        place.write("points.txt", text);
-        place.line(&format!("points tank.obj --up z --points points.txt{rest}"))
-    };
-    for text in ["0,5 1,25 1,5\n", "0,5, 1,25, 1,5\n", "0,5; 1,25; 1,5\n"] {
-        points(text, "").is(2).says(&["points.txt:1:", "decimal comma"]);
-    }
-    // Commas that separate, whatever the blanks beside them.
-    for text in ["1,1,1\n", "1, 1, 1\n", "1 ,1 ,1\n", "1,1,1,0,0,1\n", "1,1,1, 0,0,1\n"] {
-        let read = points(text, "").is(0);
-        assert!(!read.err.contains("warning"), "{text}: {}", read.err);
-    }
-    let far = points("500 500 1000\n1 1 1\n", " -o far.csv").is(0);
-    assert!(
-        far.err.contains("1 of 2 points in `points.txt` is more than ten times"),
-        "{}",
-        far.err
-    );
-    assert!(far.err.contains("line 1"), "{}", far.err);
-    let table = std::fs::read_to_string(place.path("far.csv")).expect("a table");
-    assert_eq!(table.matches(",far-off,").count(), 1, "{table}");
-    // Temperatures as `solve` takes them.
-    place.write("warm.csv", "*,17 °C\n");
-    let said = points("3 1 1\n", " --temperatures warm.csv --sky-temperature 17°C").is(0);
-    assert!(said.err.contains("radiant     290.15 K"), "{}", said.err);
-    // A mast beside a scene of 2 m is not far off.
-    let mast = points("10 0 10\n", "").is(0);
-    assert!(!mast.err.contains("warning"), "{}", mast.err);
-}
-
-#[test]
-fn tables_of_points_have_one_column_of_each_name() {
-    let place = Place::new();
-    let mut obj = Obj::default();
-    obj.surface(
-        "ground",
-        "sky",
-        &[[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [-9.0, 9.0, 0.0]],
-    );
-    obj.object("house", "brick").block([1.0, -3.0, 0.0], [5.0, 3.0, 6.0]);
-    // Objects of one name are one, as everywhere.
-    obj.object("house", "brick").block([-5.0, -3.0, 0.0], [-1.0, 3.0, 6.0]);
-    place.write("yard.obj", obj.text);
-    place.write("point.txt", "0 0 1.5\n");
-    let header = |options: &str| {
-        place
-            .line(&format!(
-                "points yard.obj --up z --points point.txt -o p.csv --overwrite {options}"
-            ))
-            .is(0);
-        let text = std::fs::read_to_string(place.path("p.csv")).expect("a table");
-        let header: Vec<String> = text
-            .lines()
-            .next()
-            .expect("a header")
-            .split(',')
-            .map(str::to_owned)
-            .collect();
-        let distinct: BTreeSet<&String> = header.iter().collect();
-        assert_eq!(distinct.len(), header.len(), "{header:?}");
-        header
-    };
-    assert_eq!(header("")[8..], ["ground (object)", "house"]);
-    assert_eq!(header("--by material")[8..], ["sky (material)", "brick"]);
-    let mut command = place.command("points yard.obj --up z --grid 3 --height 1.5 -o ground.png");
-    command.args(["--column", "ground (object)"]);
-    finish(place.spawn(command)).is(0);
-}
-
-#[test]
-fn an_option_of_another_command_is_said_to_be() {
-    let place = Place::new();
-    place
-        .line("tradeoff a.obj --rows 0..9")
-        .is(2)
-        .says(&["`tradeoff` has `--sample-rows`", "`--rows` is an option of `compute`"]);
-    let sky = place.line("sky a.obj --no-config").is(2);
-    assert!(!sky.err.contains("--no-timings'"), "{}", sky.err);
-    sky.says(&["`--no-config` is an option of `compute`"]);
 }

@@ -7,9 +7,7 @@
 
 #![cfg(unix)]
 
-#[path = "book/page.rs"]
 mod page;
-#[path = "book/run.rs"]
 mod run;
 
 use hemicube_tests::scenes::{skip, workspace};
@@ -25,12 +23,12 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     (
         "docs/interactive.md",
         "hemicube",
-        "wants a terminal: tests/tests/interactive.rs gives it one",
+        "wants a terminal: program::interactive gives it one",
     ),
     (
         "docs/light.md",
         "hemicube view hemicube room.obj --live --count 20",
-        "needs a display: tests/tests/live.rs shows it on one that is made for it",
+        "needs a display: outside::live shows it on one that is made for it",
     ),
     (
         "docs/performance.md",
@@ -54,38 +52,38 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     ),
     (
         "docs/portals.md",
-        "cargo test --release -p hemicube-tests --test portal_forms -- --nocapture --include-ignored",
+        "cargo test --release -p hemicube-tests --test light_and_heat -- portal_forms:: --nocapture --include-ignored",
         "it is a test: `./test` runs its quick part, `./test --full` all of it",
     ),
     (
         "docs/python.md",
         "python3 -m venv venv",
-        "`./test` builds the wheel, installs it into an environment of its own and runs the page there",
+        "`./test` builds the wheel, installs it into an environment and runs the page there",
     ),
     (
         "docs/scaling-out.md",
         "sbatch --array=0-15 examples/cluster/slurm-array.sh city.obj slurm.hemicube",
-        "wants a cluster: tests/tests/cluster.rs runs the script in a Slurm of its own",
+        "wants a cluster: outside::cluster runs the script in a Slurm of its own",
     ),
     (
         "docs/scaling-out.md",
         "kubectl apply -f examples/cluster/kubernetes.yaml",
-        "wants a cluster: tests/tests/cluster.rs gives the program the variables that a pod has",
+        "wants a cluster: outside::cluster gives the program the variables that a pod has",
     ),
     (
         "docs/study.md",
         "cargo build --release -p hemicube-cli -p hemicube-backend-gl -p hemicube-backend-vulkan -p hemicube-backend-wgpu",
-        "hours of a machine: tests/tests/bench.rs runs small studies",
+        "hours of a machine: program::bench runs small studies",
     ),
     (
         "docs/accuracy.md",
         "scripts/hard-scenes --rows 24 --verify 24 honeycomb struts screens",
-        "minutes of rays: `--verify` is tried in tests/tests/light.rs",
+        "minutes of rays: `--verify` is tried in light_and_heat::light",
     ),
     (
         "docs/study.md",
         r"hemicube bench -o docs/study-gpu --backend gl --backend vulkan --backend wgpu --scenes ../shared/scenes \",
-        "wants a GPU: tests/tests/bench.rs runs small studies",
+        "wants a GPU: program::bench runs small studies",
     ),
 ];
 

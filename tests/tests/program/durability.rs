@@ -408,7 +408,7 @@ fn flipped_bits_are_harmless_or_detected() {
 
 /// The library that puts faults between the program and the C library.
 fn faults(place: &Place) -> PathBuf {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/durability/fault.c");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/program/durability/fault.c");
     let library = place.path("fault.so");
     let built = Command::new("cc")
         .args(["-shared", "-fPIC", "-O1", "-o"])

@@ -94,7 +94,7 @@ fn the_cornell_box_file_is_the_cornell_box() {
          # Program of Computer Graphics, with a front wall that closes it. y up; the camera stands at (278, 273, -800)\n\
          # and looks along +z. 20 quads, each listed from the corner published first; normals point into the room, those\n\
          # of the blocks outwards. The blocks have no bottoms. The corners of left_wall are not coplanar (by 3.2 mm).\n\
-         # Written from the table in src/generate/cornell.rs: BLESS=1 cargo test --test generate\n\
+         # Written from the table in src/generate/cornell.rs: BLESS=1 cargo test -p hemicube-scene cornell\n\
          mtllib cornell-box.mtl\n\n",
     );
     let mut numbers: HashMap<[u64; 3], usize> = HashMap::new();

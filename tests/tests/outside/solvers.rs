@@ -2,7 +2,6 @@
 //! value, on a box whose form factors are not symmetric. And `view3d` in View3D's place: its four examples, its control
 //! lines, its output forms, its exit status.
 
-#[path = "solvers/readers.rs"]
 mod readers;
 
 use hemicube_tests::readers::petsc_folder;

@@ -4,13 +4,10 @@
 #![allow(clippy::cast_sign_loss, reason = "weights are not negative")]
 #![allow(clippy::print_stderr, reason = "a test that is skipped says so")]
 
-#[path = "store/sample.rs"]
-mod sample;
-
+use crate::store::sample::{self, Random, Sample, doctor_manifest, doctor_part, files, sample};
 use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
 use hemicube::analysis::check::{Check, CheckOptions, check};
 use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowShares, RowSums, Store, StoreWriter};
-use sample::{Random, Sample, doctor_manifest, doctor_part, files, sample};
 use std::path::Path;
 use tempfile::TempDir;
 

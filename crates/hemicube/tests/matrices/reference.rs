@@ -730,7 +730,8 @@ fn scenes() -> PathBuf {
     std::env::var_os("HEMICUBE_SCENES").map_or_else(|| shared().join("scenes"), PathBuf::from)
 }
 
-/// Seconds a row and own noise on real scenes: `cargo test --release --test reference -- --ignored --nocapture`.
+/// Seconds a row and own noise on real scenes:
+/// `cargo test --release -p hemicube --test matrices -- reference:: --ignored --nocapture`.
 #[test]
 #[ignore = "a measurement, of minutes"]
 fn cost_of_a_row() {

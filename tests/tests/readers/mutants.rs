@@ -2,7 +2,7 @@
 //! of it a scene that can be repaired and cut; it never panics, never hangs, and never makes more than
 //! `docs/security.md` allows.
 //!
-//! A short run each time; `cargo test --release -p hemicube-tests --test mutants -- --ignored` is the long one.
+//! A short run each time; the long one: `cargo test --release -p hemicube-tests --test readers -- mutants:: --ignored`
 
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{
@@ -47,7 +47,7 @@ fn seeds() -> Vec<(PathBuf, Vec<u8>, Read)> {
     let mut folders = vec![
         workspace().join("crates/scene/fuzz/corpus"),
         workspace().join("crates/scene/tests"),
-        workspace().join("tests/tests/formats"),
+        workspace().join("tests/tests/outside/formats"),
     ];
     let mut found = Vec::new();
     while let Some(folder) = folders.pop() {

@@ -3,14 +3,10 @@
 #![allow(clippy::print_stderr, reason = "a test that is skipped says so")]
 #![allow(clippy::type_complexity, reason = "tables of cases")]
 
-#[path = "store/check.rs"]
 mod check;
-#[path = "store/compact.rs"]
 mod compact;
-#[path = "store/mutants.rs"]
 mod mutants;
-#[path = "store/sample.rs"]
-mod sample;
+pub(crate) mod sample;
 
 use hemicube::store::{
     Error, FactorVec, Form, HEMICUBE_WEIGHT, Matrix, Part, RowShares, RowSums, Shard, Store, StoreWriter, merge,

@@ -1197,3 +1197,15 @@ fn real_scenes_from_start_to_end() {
         assert!(inspected.out.contains("37 triangles, kept"), "{}", inspected.out);
     }
 }
+
+#[test]
+fn an_option_of_another_command_is_said_to_be() {
+    let place = hemicube_tests::runs::Place::new();
+    place
+        .line("tradeoff a.obj --rows 0..9")
+        .is(2)
+        .says(&["`tradeoff` has `--sample-rows`", "`--rows` is an option of `compute`"]);
+    let sky = place.line("sky a.obj --no-config").is(2);
+    assert!(!sky.err.contains("--no-timings'"), "{}", sky.err);
+    sky.says(&["`--no-config` is an option of `compute`"]);
+}

@@ -1,7 +1,7 @@
 //! The plugins for GPUs as the program loads them, on whatever device there is: the conformance suite, the corrections
 //! over them, and all of them at once in one process.
 //!
-//! `./test` also runs the public cases at a tolerance over each of them (`HEMICUBE_TEST_BACKEND`).
+//! `./test --full` also runs the public cases at a tolerance over each of them (`HEMICUBE_TEST_BACKEND`).
 
 use assert_cmd::Command;
 use hemicube::Model;

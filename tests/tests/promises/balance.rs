@@ -1,7 +1,7 @@
 //! Balancing real matrices: a closed room becomes closed and reciprocal, small entries can go, and what that does to
 //! the error against the reference is measured, not assumed.
 //!
-//! Its table: `cargo test --release -p hemicube-tests --test balance -- --ignored --nocapture`
+//! Its table: `cargo test --release -p hemicube-tests --test promises -- balance:: --ignored --nocapture`
 
 use hemicube::accuracy::correct::Correction;
 use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};

@@ -2,7 +2,8 @@
 //! a command ends with a code of its own, never by a panic or a signal, takes no memory beyond a bound, and makes
 //! nothing of what no matrix can hold.
 //!
-//! A short run each time; `cargo test --release -p hemicube-tests --test store_mutants -- --ignored` is the long one.
+//! A short run each time; the long one:
+//! `cargo test --release -p hemicube-tests --test program -- store_mutants:: --ignored`
 #![cfg(unix)]
 
 use hemicube_tests::random::Random;

@@ -1,0 +1,16 @@
+//! What rows are computed for: light, heat, sky, sensors, and mirrors, panes, symmetry and periods.
+
+mod glazed_sky;
+mod heat;
+mod heat_cases;
+mod light;
+mod optics;
+mod point_tables;
+mod points;
+mod portal_cities;
+mod portal_combined;
+mod portal_forms;
+mod portal_refusals;
+mod portal_uses;
+mod portals;
+mod sky_settling;

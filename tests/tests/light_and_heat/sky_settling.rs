@@ -1,0 +1,34 @@
+//! The sky's shares settle as finely as is asked.
+
+use hemicube_tests::runs::Place;
+
+/// The cells of a table, by row.
+fn table(place: &Place, name: &str) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(place.path(name)).expect("a table");
+    let cells = |line: &str| line.split(',').map(str::to_owned).collect();
+    text.lines().skip(1).map(cells).collect()
+}
+
+/// A wall, two triangles, and a low one before it, of which the upper half of the first sees less.
+const WALLS: &str = "v 0 0 0\nv 6 0 0\nv 6 0 6\nv 0 0 6\no wall\nf 4 3 2 1\n\
+                     v 0 1.5 -2\nv 6 1.5 -2\nv 6 1.5 1\nv 0 1.5 1\no low\nf 5 6 7 8\n";
+
+#[test]
+fn the_sky_settles_with_the_ground_below_it() {
+    let place = Place::new();
+    place.write("walls.obj", WALLS);
+    place
+        .line("sky walls.obj --up z --csv settled.csv --tolerance 0.2%")
+        .is(0);
+    place.line("sky walls.obj --up z --csv fine.csv --samples 256").is(0);
+    let columns = std::fs::read_to_string(place.path("fine.csv")).expect("a table");
+    let columns: Vec<&str> = columns.lines().next().expect("names").split(',').collect();
+    let (settled, fine) = (table(&place, "settled.csv"), table(&place, "fine.csv"));
+    for name in ["sky_view_factor", "ground"] {
+        let at = columns.iter().position(|&column| column == name).expect("a column");
+        for (row, fine) in settled.iter().zip(&fine).take(2) {
+            let [found, fine] = [row, fine].map(|row| row[at].parse::<f64>().expect("a share"));
+            assert!((found - fine).abs() < 0.003, "{name}: {found} for {fine}");
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! The program as a user meets it: commands, exit codes, terminals, what interrupts it, and who attacks it.
+
+mod bench;
+mod cli;
+mod compact;
+mod distribution;
+mod durability;
+mod interactive;
+mod missing_rows;
+mod security;
+mod side_by_side;
+mod store_mutants;
+mod verdicts;

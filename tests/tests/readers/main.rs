@@ -1,0 +1,9 @@
+//! Scenes as they come: every format and real file, wrong ones, hostile ones, and what is said of each.
+
+mod inspect;
+mod mutants;
+mod real_scenes;
+mod same_room;
+mod up;
+mod wrong_scenes;
+mod zones;
