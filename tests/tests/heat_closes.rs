@@ -239,7 +239,8 @@ fn what_a_furnace_is_given_is_taken_up_without_balance() {
         // As stored, heat is lost or made up.
         let stored = solved(&place, &format!("{solve} --as-stored"), 0);
         let off = heat_of(&stored, "block") + heat_of(&stored, "tube");
-        assert!(off.abs() > 1e-4 * HEAT, "{patches}: {off} W");
+        let least = if patches == "object" { 1e-4 } else { 1e-6 };
+        assert!(off.abs() > least * HEAT, "{patches}: {off} W");
         assert_eq!(
             (&found["reading"], &stored["reading"]),
             (&"pairs".into(), &"as-stored".into())
@@ -456,7 +457,7 @@ fn what_rows_lack_is_named_above_a_hundredth_and_refused_above_a_tenth() {
         .json();
     assert!(number(&json["energy_error"]) > 0.1, "{}", json["energy_error"]);
     // What is told helps.
-    place.line("balance little closed --reciprocity --closure -q").is(0);
+    place.line("balance little -o closed --reciprocity --closure -q").is(0);
     let told = place.line(&format!("solve closed {solve}")).is(0);
     assert!(!told.err.contains("is known within"), "{}", told.err);
 }
@@ -476,7 +477,7 @@ fn balance_takes_patches_that_see_themselves() {
         .line("compute cube.obj --patches object -o F -q --no-config")
         .is(0);
     let report = place
-        .line("balance F closed --reciprocity --closure --json")
+        .line("balance F -o closed --reciprocity --closure --json")
         .is(0)
         .json();
     assert!(number(&report["balance"]["after"]["closure_max"]) < 1e-6, "{report}");

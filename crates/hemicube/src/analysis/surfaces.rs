@@ -16,9 +16,10 @@
 //! eᵢ = Aᵢ qᵢ δᵢ / sᵢ        δᵢ = 1 − Σⱼ F'ᵢⱼ − escapedᵢ − blockedᵢ − unselectedᵢ        sᵢ = Σⱼ F'ᵢⱼ + escapedᵢ
 //! ```
 //!
-//! Of a body (the patches of one name and condition) the error is |Σ e|, of an enclosure the sum of its bodies': errors
-//! of two bodies do not cancel, and each is a part of the heat of that body or enclosure alone ([`heat_errors`]). As
-//! stored, half of what the two readings of pairs disagree by ([`disagreement`](crate::solve::disagreement)) adds to e.
+//! Of a body (the patches of one name and condition) the error is |Σ e|, of an enclosure the part that its bodies' errors
+//! are of all that they give off and take up: errors of two bodies do not cancel, and each is a part of the heat of that
+//! body or enclosure alone ([`heat_errors`]). As stored, what the two readings of pairs disagree by
+//! ([`disagreement`](crate::solve::disagreement)) adds to e.
 
 use super::zones::{GroupBy, zones_of};
 use crate::solve::{Enclosures, Solution};
@@ -59,16 +60,8 @@ pub struct HeatBalance {
     pub taken_up: f64,
     /// Net heat that leaves to the surroundings, in W.
     pub surroundings: f64,
-    /// Remainder of all heat, in W: A F lacks it of symmetry.
+    /// Remainder of all heat, in W: rounding, or what A F lacks of symmetry as it is stored.
     pub error: f64,
-}
-
-impl HeatBalance {
-    /// The error as a part of the heat given off, or taken up where that is more; 0 where there is none.
-    pub fn relative_error(&self) -> f64 {
-        let whole = self.given_off.max(-self.taken_up).max(self.surroundings.abs());
-        if whole > 0.0 { self.error.abs() / whole } else { 0.0 }
-    }
 }
 
 /// Heat, and what is not known of it.
@@ -147,6 +140,7 @@ pub fn heat_errors(
         *off += error[patch];
     }
     let mut found = vec![EnclosureError::default(); enclosures.len()];
+    // What one body gives off another takes up: the errors of both are of both.
     for ((enclosure, body), [flow, off]) in bodies {
         let [given_off, taken_up, all] = flows[enclosure as usize];
         let heat = given_off.max(taken_up);
@@ -156,7 +150,7 @@ pub fn heat_errors(
         }
         let of = &mut found[enclosure as usize];
         of.whole.heat = heat;
-        of.whole.error += off.abs();
+        of.whole.error += off.abs() * heat / (given_off + taken_up);
         let own = HeatError {
             heat: flow,
             error: off.abs(),
@@ -274,7 +268,7 @@ mod tests {
         let heat = [10.0, -10.0, 1e6, -5e5, -5e5];
         let error = [0.5, -0.5, 0.0, 10.0, -10.0];
         let errors = heat_errors([&heat, &error, &heat], &found, &[0, 1, 2, 3, 3], 1e-9);
-        assert_eq!(errors[0].whole, HeatError { heat: 10.0, error: 1.0 });
+        assert_eq!(errors[0].whole, HeatError { heat: 10.0, error: 0.5 });
         assert_eq!(
             errors[0].worst.map(|(body, error)| (body, error.share())),
             Some((0, 0.05))

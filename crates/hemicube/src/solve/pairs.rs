@@ -173,9 +173,9 @@ impl<'f> Pairs<'f> {
 }
 
 /// By how much the two readings of a stored matrix disagree about the heat of each patch, in the unit of `sent` times
-/// area: half of what its own row says that it gives off, Σⱼ Aᵢ Fᵢⱼ (Bᵢ − Bⱼ), less what the others' rows say,
-/// Σⱼ Aⱼ Fⱼᵢ (Bᵢ − Bⱼ). `kept` are 1 − ρs − τ, `sent` the radiosities over them. The sum over a closed enclosure is the
-/// energy that it loses or makes up.
+/// area: what its own row says that it gives off, Σⱼ Aᵢ Fᵢⱼ (Bᵢ − Bⱼ), less what the others' rows say,
+/// Σⱼ Aⱼ Fⱼᵢ (Bᵢ − Bⱼ). `kept` are 1 − ρs − τ, `sent` the radiosities over them. The sum over a closed enclosure is twice
+/// the energy that it loses or makes up.
 ///
 /// # Errors
 /// When a run cannot be read.
@@ -188,7 +188,7 @@ pub fn disagreement(factors: &dyn Factors, areas: &[f64], kept: &[f64], sent: &[
             let (columns, data) = part.row(row);
             for (&column, factor) in columns.iter().zip(data) {
                 let other = column.cast_unsigned() as usize;
-                let flow = areas[patch] * kept[patch] * factor * kept[other] * (sent[patch] - sent[other]) / 2.0;
+                let flow = areas[patch] * kept[patch] * factor * kept[other] * (sent[patch] - sent[other]);
                 sum += flow;
                 // By this row the other gives off −flow.
                 heat[other] += flow;
@@ -534,13 +534,13 @@ mod tests {
                 assert!((a - b).abs() < 1e-9 * a.abs(), "{method:?} {i} {a} {b}");
             }
         }
-        // As stored, it does not; the readings' disagreement is what is missing.
+        // As stored, it does not; the readings' disagreement is what is missing, once for who sends and for who receives.
         let stored = solved(&runs, &table, Method::Gmres { restart: 20 });
         let off = net(&stored);
         let sent: Vec<f64> = stored.radiosity.column(0).collect();
         let named = disagreement(&runs, &areas, &[1.0; 23], &sent).unwrap();
         assert!(
-            off.abs() > 0.1 && (named.iter().sum::<f64>() - off).abs() < 1e-9 * off.abs().max(1.0),
+            off.abs() > 0.1 && (named.iter().sum::<f64>() / 2.0 - off).abs() < 1e-9 * off.abs().max(1.0),
             "{off}"
         );
     }

@@ -337,7 +337,7 @@ impl Exchange {
         };
         let told = enclosures.unsure().map(|(what, error)| {
             format!(
-                "the heat of {what} is known within {} only, {} W of {}: {why}; `hemicube balance {} OUT \
+                "the heat of {what} is known within {} only, {} W of {}: {why}; `hemicube balance {} -o OUT \
                  --reciprocity --closure` closes it, and a smaller `--tolerance` of `compute` measures it",
                 percent(error.share()),
                 figures(error.error),
