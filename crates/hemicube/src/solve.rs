@@ -34,6 +34,8 @@
 //! With B / (1 − ρs − τ), F (1 − ρs − τ)ⱼ and A (1 − ρs − τ) in place of B, F and A these are the equations above: rows
 //! close, A F is symmetric, and at one temperature no net flux is left.
 //!
+//! The two readings of a pair are Aᵢ Fᵢⱼ and Aⱼ Fⱼᵢ; [`Pairs`] makes one of them, so that what is given off is taken up.
+//!
 //! The matrix is gone through in runs of rows and is never whole in memory ([`Factors`]). Each method needs F times
 //! some vectors, once an iteration, for all right-hand sides together:
 //!
@@ -60,15 +62,16 @@ mod factors;
 mod files;
 mod gmres;
 mod heat;
+mod pairs;
 mod properties;
 mod stationary;
 
 pub use block::Block;
-pub use enclosures::{Enclosures, enclosures};
-pub(crate) use factors::require_all_rows;
+pub use enclosures::{Enclosures, LEAST_EXCHANGE, enclosures};
 pub use factors::{Factors, InMemory, OutOfCore, multiply};
 pub use files::{ArrayFile, SolutionWriter, StoredSolution};
 pub use heat::{Given, Heat, HeatSolution, OPEN, Undetermined, open_share, solve_heat};
+pub use pairs::{Pairs, Reading, SUMS, Weights, disagreement};
 pub use properties::{
     Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, RGB, Spectrum, Tables, Temperature,
     Thermal, question_of_cold,
@@ -120,7 +123,8 @@ impl Default for SolveOptions {
 }
 
 impl SolveOptions {
-    pub(crate) fn threads(&self) -> usize {
+    /// The number of threads meant.
+    pub fn threads(&self) -> usize {
         match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,

@@ -3,6 +3,7 @@
 use crate::errors;
 use crate::heat::{group, properties_of, wrong};
 use crate::matrix::{Matrix, stored};
+use crate::solve::reading;
 use hemicube::analysis::exchange::{Exchange as Factors, Network};
 use hemicube::solve::enclosures;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
@@ -149,15 +150,17 @@ impl Exchange {
 /// Gebhart factors, total exchange areas and conductances between the surfaces of a matrix: the program's `exchange`.
 ///
 /// `properties` are those of `solve_heat`; `emissivity` is a number, or one for each of its `bands`. `by` is 'object',
-/// 'material', 'face' or 'patch'.
+/// 'material', 'face' or 'patch'. A_i F_ij is one number for both directions, of both rows; `as_stored` takes each row as
+/// it is.
 #[pyfunction]
-#[pyo3(signature = (matrix, properties, *, by="object", threads=0))]
+#[pyo3(signature = (matrix, properties, *, by="object", threads=0, as_stored=false))]
 pub(crate) fn exchange(
     py: Python<'_>,
     matrix: &Bound<'_, Matrix>,
     properties: &Bound<'_, PyAny>,
     by: &str,
     threads: usize,
+    as_stored: bool,
 ) -> PyResult<Exchange> {
     let matrix = matrix.get();
     let table = matrix.patches()?;
@@ -168,7 +171,7 @@ pub(crate) fn exchange(
     };
     matrix.with_store(py, None, |store, cancel| {
         let failed = |error| errors::solving(&error);
-        let network = Network::new(store, by).map_err(failed)?;
+        let network = Network::new(store, by, reading(as_stored)).map_err(failed)?;
         let kinds = properties.emissivities().map_err(wrong)?;
         let of_patch = |patch: usize| kinds[properties.kind_of_patch()[patch] as usize].clone();
         let values = network.of_surfaces(of_patch).map_err(|name| {

@@ -2,17 +2,20 @@
 
 use crate::attended::{Attendant, attended};
 use crate::errors;
-use crate::matrix::{Matrix, Use};
+use crate::matrix::{Matrix, Use, stored};
 use crate::numbers;
 use crate::scene::warn;
-use crate::solve::{KELVIN_MAX, Manner};
-use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface};
+use crate::solve::{KELVIN_MAX, Manner, PairsOf};
+use hemicube::analysis::surfaces::{
+    ERROR_TOLD, EnclosureError, HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface, heat_errors, row_errors,
+};
 use hemicube::analysis::zones::{GroupBy, reason_against};
 use hemicube::solve::{
-    Condition, Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables,
-    Temperature, Undetermined, enclosures, open_share, question_of_cold, solve_heat,
+    Condition, Enclosures, Factors, Heat, HeatSolution, Named, Properties, PropertyError, Reading, Solution,
+    SolveOptions, Tables, Temperature, Undetermined, disagreement, enclosures, open_share, question_of_cold,
+    solve_heat,
 };
-use hemicube::store::PatchTable;
+use hemicube::store::{PatchTable, RowTable};
 use numpy::PyArray1;
 use pyo3::exceptions::{PyKeyError, PyRuntimeWarning};
 use pyo3::prelude::*;
@@ -123,13 +126,21 @@ struct Solving<'a, 'py> {
     heat: &'a Heat,
     escaped: &'a [f64],
     named: Named<'a>,
+    rows: &'a RowTable,
+    pairs: Option<PairsOf<'a>>,
     options: SolveOptions,
     progress: Option<&'a Bound<'py, PyAny>>,
 }
 
-impl Use<PyResult<(HeatSolution, Undetermined)>> for Solving<'_, '_> {
-    fn with(self, factors: &dyn Factors) -> PyResult<(HeatSolution, Undetermined)> {
+/// A solution, what nothing determines, the enclosures, and by how much the readings of pairs differ, as stored.
+type Solved = (HeatSolution, Undetermined, Enclosures, Option<Vec<f64>>);
+
+impl Use<PyResult<Solved>> for Solving<'_, '_> {
+    fn with(self, factors: &dyn Factors) -> PyResult<Solved> {
         let (heat, escaped, named, options) = (self.heat, self.escaped, self.named, self.options);
+        let (rows, is_as_stored) = (self.rows, self.pairs.is_none());
+        let pairs = PairsOf::read(self.pairs, factors, options.threads())?;
+        let factors = pairs.as_ref().map_or(factors, |pairs| pairs as &dyn Factors);
         attended(self.py, self.progress, |attendant: Attendant<'_, (u32, f64)>| {
             let found = enclosures(factors).map_err(|error| errors::solving(&error))?;
             let open = heat.require_temperatures(&found, escaped, named);
@@ -137,7 +148,17 @@ impl Use<PyResult<(HeatSolution, Undetermined)>> for Solving<'_, '_> {
             let solved = solve_heat(factors, heat, options, &mut |step| {
                 attendant.tell((step.iteration, step.residual))
             });
-            Ok((solved.map_err(|error| errors::solving(&error))?, open))
+            let solved = solved.map_err(|error| errors::solving(&error))?;
+            let differs = is_as_stored.then(|| {
+                let kept: Vec<f64> = (0..heat.area.len()).map(|patch| rows.kept(patch)).collect();
+                let black = |(patch, kept): (usize, &f64)| match *kept > 0.0 {
+                    true => solved.solution.radiosity.of(patch)[0] / kept,
+                    false => 0.0,
+                };
+                let blacks: Vec<f64> = kept.iter().enumerate().map(black).collect();
+                disagreement(factors, &heat.area, &kept, &blacks)
+            });
+            Ok((solved, open, found, stored(differs.transpose())?))
         })?
     }
 }
@@ -149,16 +170,29 @@ pub(crate) struct Surroundings {
     pub(crate) ground: Option<(f64, Vec<f64>)>,
 }
 
-/// Solves the exchange of heat between surfaces with `given` properties; the solution and the irradiance from outside.
-/// Temperatures that nothing determines are NaN, with a warning.
+/// A solved exchange of heat.
+pub(crate) struct Found {
+    pub(crate) found: HeatSolution,
+    /// The irradiance from outside.
+    pub(crate) outside: Option<Vec<f64>>,
+    /// The rows that were solved with.
+    pub(crate) rows: RowTable,
+    /// The largest part of its heat that is not known of an enclosure or a body in one.
+    pub(crate) energy_error: f64,
+}
+
+/// Solves the exchange of heat between surfaces with `given` properties. Temperatures that nothing determines are NaN,
+/// and heat of which more than 1 % is not known has a warning.
 pub(crate) fn solve(
     py: Python<'_>,
     matrix: &Matrix,
     given: &Bound<'_, PyAny>,
     surroundings: Surroundings,
     manner: Manner<'_, '_>,
-) -> PyResult<(HeatSolution, Option<Vec<f64>>)> {
-    let (table, rows) = (matrix.patches()?, matrix.exchange_table()?);
+) -> PyResult<Found> {
+    let table = matrix.patches()?;
+    let threads = manner.options.threads();
+    let [rows, stored_rows] = matrix.read_table(py, manner.memory / 2, manner.reading, threads)?;
     let properties = properties_of(matrix, &table, given)?;
     let thermal = properties.thermal().map_err(wrong)?;
     let colder = thermal
@@ -202,10 +236,12 @@ pub(crate) fn solve(
         heat: &heat,
         escaped: &rows.escaped,
         named,
+        rows: &rows,
+        pairs: PairsOf::of(manner.reading, &table.area, &stored_rows),
         options: manner.options,
         progress: manner.progress,
     };
-    let (mut found, open) = matrix.lend(py, manner.memory / 2, solving)?;
+    let (mut found, open, enclosures, differs) = matrix.lend(py, manner.memory / 2, solving)?;
     if open.patches.contains(&true) {
         let text = format!(
             "nothing determines the temperature of {}: they are adiabatic, and see nothing that has one",
@@ -226,7 +262,52 @@ pub(crate) fn solve(
         let text = CString::new(note.replace('\0', " ")).unwrap_or_default();
         PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
     }
-    Ok((found, heat.outside))
+    let energy_error = energy_error(
+        &found,
+        &table,
+        &rows,
+        differs,
+        (&enclosures, properties.kind_of_patch()),
+    );
+    if energy_error > ERROR_TOLD {
+        let why = match manner.reading {
+            Reading::Pairs => "rows of the matrix do not sum to 1",
+            Reading::AsStored => "A[i] F[i, j] is not A[j] F[j, i] in the matrix as it is stored",
+        };
+        let text = format!(
+            "heat of an enclosure, or of a surface in one, is known within {:.1} % only: {why}; `balance` closes it, \
+             and a smaller `tolerance` measures it",
+            100.0 * energy_error
+        );
+        warn(py, &text)?;
+    }
+    Ok(Found {
+        found,
+        outside: heat.outside,
+        rows,
+        energy_error,
+    })
+}
+
+/// The largest part of its heat that is not known of an enclosure or a body in one.
+fn energy_error(
+    found: &HeatSolution,
+    table: &PatchTable,
+    rows: &RowTable,
+    differs: Option<Vec<f64>>,
+    (enclosures, body): (&Enclosures, &[u32]),
+) -> f64 {
+    let patches = table.len();
+    let radiosity = |patch: usize| found.solution.radiosity.of(patch)[0];
+    let flux = |patch: usize| radiosity(patch) - rows.kept(patch) * found.solution.irradiance.of(patch)[0];
+    let heat: Vec<f64> = (0..patches).map(|patch| table.area[patch] * flux(patch)).collect();
+    let sent: Vec<f64> = (0..patches).map(|patch| table.area[patch] * radiosity(patch)).collect();
+    let differs = differs.unwrap_or_else(|| vec![0.0; patches]);
+    let of_rows = row_errors(rows).into_iter().zip(&heat).zip(differs);
+    let error: Vec<f64> = of_rows.map(|((share, heat), differs)| share * heat + differs).collect();
+    let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
+    let errors = heat_errors([&heat, &error, &sent], enclosures, body, residual);
+    errors.iter().map(EnclosureError::share).fold(0.0, f64::max)
 }
 
 /// Heat by surface of a solution.

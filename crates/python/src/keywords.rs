@@ -35,8 +35,9 @@ enum Kind {
 }
 
 /// Options that are keywords of `Scene`, `compute`, `sky`, `solve` or `Matrix.export` and the like.
-const KEYWORDS: [(&str, Kind); 36] = [
+const KEYWORDS: [(&str, Kind); 37] = [
     ("allow-large", Kind::Truth),
+    ("as-stored", Kind::Truth),
     ("backend", Kind::Text),
     ("backend-dir", Kind::Text),
     ("by", Kind::Text),

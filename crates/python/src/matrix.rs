@@ -4,7 +4,7 @@ use crate::attended::{Attendant, attended};
 use crate::export::{self, Asked, ForSolver, Zones};
 use crate::scene::{Scene, axis};
 use crate::{errors, numbers, pickle};
-use hemicube::solve::{Block, Factors, OutOfCore, multiply};
+use hemicube::solve::{Block, Factors, OutOfCore, Pairs, Reading, multiply};
 use hemicube::store::{
     Assembly, Error as StoreError, FactorSlice, FactorVec, Header, Index, Part, PatchOptics, PatchTable, Precision,
     RowTable, Store, StoreWriter, optics_of,
@@ -492,6 +492,31 @@ impl Matrix {
         }
     }
 
+    /// The table of the rows that a solver reads, and the stored rows' shares for exchanges, which it is made of.
+    pub(crate) fn read_table(
+        &self,
+        py: Python<'_>,
+        budget: u64,
+        reading: Reading,
+        threads: usize,
+    ) -> PyResult<[RowTable; 2]> {
+        let rows = self.exchange_table()?;
+        let read = match reading {
+            Reading::AsStored => rows.clone(),
+            Reading::Pairs => {
+                let areas = self.area()?;
+                let using = RowsOfPairs {
+                    py,
+                    areas: &areas,
+                    rows: &rows,
+                    threads,
+                };
+                self.lend(py, budget, using)?
+            }
+        };
+        Ok([read, rows])
+    }
+
     /// The patch table.
     pub(crate) fn patches(&self) -> PyResult<PatchTable> {
         match &self.source {
@@ -590,6 +615,24 @@ impl Matrix {
                 )))
             }
         }
+    }
+}
+
+/// The table of the rows whose pairs are read once.
+struct RowsOfPairs<'a, 'py> {
+    py: Python<'py>,
+    areas: &'a [f64],
+    rows: &'a RowTable,
+    threads: usize,
+}
+
+impl Use<PyResult<RowTable>> for RowsOfPairs<'_, '_> {
+    fn with(self, factors: &dyn Factors) -> PyResult<RowTable> {
+        let (areas, rows, threads) = (self.areas, self.rows, self.threads);
+        stored(
+            self.py
+                .detach(|| Pairs::new(factors, areas, rows, threads)?.rows(rows, threads)),
+        )
     }
 }
 

@@ -2,13 +2,14 @@
 
 use crate::attended::{Attendant, attended};
 use crate::heat::{self, HeatBySurface};
-use crate::matrix::{Matrix, Use};
+use crate::matrix::{Matrix, Use, stored};
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use hemicube::solve::{
-    Block, EnergyBalance, Factors, Method, Problem, STEFAN_BOLTZMANN, Solution as Solved, SolveOptions, energy_balance,
-    require_shares, solve as solve_for,
+    Block, EnergyBalance, Factors, Method, Pairs, Problem, Reading, STEFAN_BOLTZMANN, Solution as Solved, SolveOptions,
+    energy_balance, require_shares, solve as solve_for,
 };
+use hemicube::store::RowTable;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
@@ -29,6 +30,8 @@ pub(crate) struct Solution {
     outside: Option<Vec<f64>>,
     /// ρs + τ of each patch; empty without mirrors and panes.
     handed_on: Vec<f64>,
+    /// The largest part of its heat that is not known of an enclosure or a body in one.
+    energy_error: Option<f64>,
     is_block: bool,
 }
 
@@ -109,6 +112,13 @@ impl Solution {
         self.balance.iter().map(dict).collect()
     }
 
+    /// The largest part of its heat that is not known of an enclosure, or of a surface of one condition in it, because
+    /// rows of the matrix do not sum to 1; of heat by `properties`, None otherwise.
+    #[getter]
+    fn energy_error(&self) -> Option<f64> {
+        self.energy_error
+    }
+
     /// B − G, the net flux of each patch, and B − (1 − ρs − τ) G of mirrors and panes: of heat in W/m², positive where
     /// the patch gives off more than it receives.
     #[getter]
@@ -167,6 +177,7 @@ impl Solution {
             solution.is_block,
             solution.outside.clone().map(|values| PyArray1::from_vec(py, values)),
             solution.handed_on.clone(),
+            solution.energy_error,
         );
         Ok((maker(py, "_solution_of")?, arguments.into_pyobject(py)?))
     }
@@ -185,13 +196,36 @@ impl Solution {
 struct Solving<'a, 'py> {
     py: Python<'py>,
     problem: &'a Problem,
+    pairs: Option<PairsOf<'a>>,
     options: SolveOptions,
     progress: Option<&'a Bound<'py, PyAny>>,
+}
+
+/// Areas and stored rows of a matrix whose pairs are read once.
+#[derive(Clone, Copy)]
+pub(crate) struct PairsOf<'a> {
+    pub(crate) areas: &'a [f64],
+    pub(crate) rows: &'a RowTable,
+}
+
+impl<'a> PairsOf<'a> {
+    /// Of some reading; `None` as stored.
+    pub(crate) fn of(reading: Reading, areas: &'a [f64], rows: &'a RowTable) -> Option<Self> {
+        (reading == Reading::Pairs).then_some(Self { areas, rows })
+    }
+
+    /// The pairs of `factors`.
+    pub(crate) fn read<'f>(of: Option<Self>, factors: &'f dyn Factors, threads: usize) -> PyResult<Option<Pairs<'f>>> {
+        of.map(|of| stored(Pairs::new(factors, of.areas, of.rows, threads)))
+            .transpose()
+    }
 }
 
 impl Use<PyResult<Solved>> for Solving<'_, '_> {
     fn with(self, factors: &dyn Factors) -> PyResult<Solved> {
         let (problem, options) = (self.problem, self.options);
+        let pairs = PairsOf::read(self.pairs, factors, options.threads())?;
+        let factors = pairs.as_ref().map_or(factors, |pairs| pairs as &dyn Factors);
         attended(self.py, self.progress, |attendant: Attendant<'_, Steps>| {
             solve_for(factors, problem, options, &mut |step| {
                 attendant.tell((step.iteration, step.residual))
@@ -211,10 +245,14 @@ impl Use<PyResult<Solved>> for Solving<'_, '_> {
 /// `method` is 'gmres', 'gauss-seidel' or 'jacobi'; `tolerance` the relative residual to reach within `max_iterations`
 /// products; a solution above it has a warning. `memory` bytes are used for a store. `progress(iteration, residual)` is
 /// called some times a second.
+///
+/// A_i F_ij and A_j F_ji are two readings of one number: F is made of both, so that what is put in comes out, and S is
+/// of its rows. `as_stored` takes each row as it is.
 #[pyfunction]
 #[pyo3(signature = (
     matrix, reflectance, emission, *, outside=None, method="gmres", restart=20, tolerance=1e-6, max_iterations=500,
-    memory=1_000_000_000, threads=0, progress=None
+    memory=1_000_000_000, threads=0,
+    progress=None, as_stored=false
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn solve(
@@ -230,6 +268,7 @@ pub(crate) fn solve(
     memory: u64,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
+    as_stored: bool,
 ) -> PyResult<Solution> {
     let matrix = matrix.get();
     let count = matrix.patch_count();
@@ -256,14 +295,17 @@ pub(crate) fn solve(
             values[patch * given + if given == 1 { 0 } else { side }]
         })
     };
-    let rows = matrix.exchange_table()?;
+    let options = options(method, restart, tolerance, max_iterations, threads)?;
+    let reading = reading(as_stored);
+    let tables = matrix.read_table(py, memory / 2, reading, options.threads())?;
+    let rows = &tables[0];
     let shown = |patch: usize| format!("patch {patch}");
     let most = |patch: usize| {
         (0..bands)
             .map(|band| reflected[patch * bands + band])
             .fold(0.0, f64::max)
     };
-    require_shares(&rows, "reflectance", shown, most).map_err(|error| errors::solving(&error))?;
+    require_shares(rows, "reflectance", shown, most).map_err(|error| errors::solving(&error))?;
     let problem = Problem {
         reflectance: Block::from_fn(count, bands, |patch, band| reflected[patch * bands + band]),
         bands: (0..sides).map(|side| side % bands).collect(),
@@ -271,14 +313,19 @@ pub(crate) fn solve(
         outside: outside.as_ref().map(|(values, columns, _)| block(values, *columns)),
         returned: Some(rows.returned()),
     };
-    let options = options(method, restart, tolerance, max_iterations, threads)?;
     let manner = Manner {
         options,
         memory,
         progress,
+        reading,
         is_block,
     };
-    solution(py, matrix, &problem, manner)
+    solution(py, matrix, &problem, &tables, manner)
+}
+
+/// What of the matrix stands for a pair.
+pub(crate) fn reading(as_stored: bool) -> Reading {
+    if as_stored { Reading::AsStored } else { Reading::Pairs }
 }
 
 /// The options of solving, looked at.
@@ -316,30 +363,39 @@ pub(crate) struct Manner<'a, 'py> {
     pub(crate) options: SolveOptions,
     pub(crate) memory: u64,
     pub(crate) progress: Option<&'a Bound<'py, PyAny>>,
+    pub(crate) reading: Reading,
     is_block: bool,
 }
 
 /// Solves a problem, and warns where it did not converge.
-fn solution<'py>(py: Python<'py>, matrix: &Matrix, problem: &Problem, manner: Manner<'_, 'py>) -> PyResult<Solution> {
+fn solution<'py>(
+    py: Python<'py>,
+    matrix: &Matrix,
+    problem: &Problem,
+    [rows, stored_rows]: &[RowTable; 2],
+    manner: Manner<'_, 'py>,
+) -> PyResult<Solution> {
+    let areas = matrix.area()?;
     let solved = matrix.lend(
         py,
         manner.memory / 2,
         Solving {
             py,
             problem,
+            pairs: PairsOf::of(manner.reading, &areas, stored_rows),
             options: manner.options,
             progress: manner.progress,
         },
     )?;
     warn_unconverged(py, &solved)?;
-    let rows = matrix.exchange_table()?;
-    let balance = energy_balance(problem, &solved, &matrix.area()?, &rows);
+    let balance = energy_balance(problem, &solved, &areas, rows);
     Ok(Solution {
         solved,
         balance: terms(&balance),
         temperature: None,
         outside: None,
-        handed_on: rows.handed_on,
+        handed_on: rows.handed_on.clone(),
+        energy_error: None,
         is_block: manner.is_block,
     })
 }
@@ -372,10 +428,14 @@ fn warn_unconverged(py: Python<'_>, solved: &Solved) -> PyResult<()> {
 /// What leaves the scene goes to, and comes from, surroundings at `ambient`, in kelvin or as '20 °C'; 0 is cold space.
 /// `ground`, with `properties`, is the temperature of what lies below the horizon, and `below_horizon` (n,) the share
 /// of each patch's view that ends there, such as `sky(scene).ground`. The other keywords are those of `solve`.
+///
+/// With `properties`, `energy_error` of the solution is the largest part of its heat that is not known of an enclosure
+/// or a surface; above 1 % there is a warning.
 #[pyfunction]
 #[pyo3(signature = (
     matrix, emissivity=None, temperature=None, *, properties=None, ambient=None, ground=None, below_horizon=None,
-    method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0, progress=None
+    method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0,
+    progress=None, as_stored=false
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
 pub(crate) fn solve_heat(
@@ -394,6 +454,7 @@ pub(crate) fn solve_heat(
     memory: u64,
     threads: usize,
     progress: Option<&Bound<'_, PyAny>>,
+    as_stored: bool,
 ) -> PyResult<Solution> {
     if ambient.is_none() {
         heat::warn_of_surroundings(py, matrix.get())?;
@@ -413,6 +474,7 @@ pub(crate) fn solve_heat(
             options,
             memory,
             progress,
+            reading: reading(as_stored),
             is_block,
         })
     };
@@ -443,9 +505,13 @@ fn heat_of_properties(
     surroundings: heat::Surroundings,
     manner: Manner<'_, '_>,
 ) -> PyResult<Solution> {
-    let (found, outside) = heat::solve(py, matrix, properties, surroundings, manner)?;
+    let heat::Found {
+        found,
+        outside,
+        rows,
+        energy_error,
+    } = heat::solve(py, matrix, properties, surroundings, manner)?;
     warn_unconverged(py, &found.solution)?;
-    let rows = matrix.exchange_table()?;
     let balance = energy_balance(&found.problem, &found.solution, &matrix.area()?, &rows);
     Ok(Solution {
         solved: found.solution,
@@ -453,6 +519,7 @@ fn heat_of_properties(
         temperature: Some(found.temperature),
         outside,
         handed_on: rows.handed_on,
+        energy_error: Some(energy_error),
         is_block: false,
     })
 }
@@ -487,9 +554,11 @@ where
     heat::question_cold(py, &Vec::from_iter(cold.take(1)))?;
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let of = |patch: usize, side: usize| kelvin[patch * columns + side];
-    let table = matrix.exchange_table()?;
+    let manner = manner(is_block)?;
+    let tables = matrix.read_table(py, manner.memory / 2, manner.reading, manner.options.threads())?;
+    let table = &tables[0];
     let shown = |patch: usize| format!("patch {patch}");
-    require_shares(&table, "emissivity", shown, |patch| emissivity[patch]).map_err(|error| errors::solving(&error))?;
+    require_shares(table, "emissivity", shown, |patch| emissivity[patch]).map_err(|error| errors::solving(&error))?;
     let escaped = |patch: usize| Some(table.escaped[patch]).filter(|share| !share.is_nan());
     let problem = Problem {
         // Patches adiabatic at some right-hand sides only have a reflectance a side.
@@ -515,7 +584,7 @@ where
         }),
         returned: Some(table.returned()),
     };
-    let mut found = solution(py, matrix, &problem, manner(is_block)?)?;
+    let mut found = solution(py, matrix, &problem, &tables, manner)?;
     // An adiabatic patch sends as much as a black one of its temperature; of a mirror, what it would send.
     let radiosity = Block::from_fn(count, columns, |patch, side| match table.kept(patch) {
         1.0 => found.solved.radiosity.of(patch)[side],
@@ -541,7 +610,7 @@ pub(crate) const KELVIN_MAX: f64 = 1e6;
 #[pyfunction]
 #[pyo3(name = "_solution_of", signature = (
     radiosity, irradiance, residuals, iterations, converged, balance, temperature, is_block, outside=None,
-    handed_on=Vec::new()
+    handed_on=Vec::new(), energy_error=None
 ))]
 #[allow(clippy::too_many_arguments, reason = "the state of a solution")]
 pub(crate) fn solution_of(
@@ -555,6 +624,7 @@ pub(crate) fn solution_of(
     is_block: bool,
     outside: Option<&Bound<'_, PyAny>>,
     handed_on: Vec<f64>,
+    energy_error: Option<f64>,
 ) -> PyResult<Solution> {
     let patches = radiosity.len()?;
     let block = |given: &Bound<'_, PyAny>, what| {
@@ -589,6 +659,7 @@ pub(crate) fn solution_of(
         temperature,
         outside,
         handed_on,
+        energy_error,
         is_block,
     })
 }

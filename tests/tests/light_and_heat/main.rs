@@ -3,6 +3,7 @@
 mod glazed_sky;
 mod heat;
 mod heat_cases;
+mod heat_closes;
 mod light;
 mod optics;
 mod point_tables;

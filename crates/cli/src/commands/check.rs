@@ -27,21 +27,23 @@ const EXAMPLES: &str = "  \
 /// Check a matrix: integrity, conservation, quality; exit 1 when a law or a bound is broken, or parts are missing
 ///
 /// Integrity: checksums, structure, all parts. Conservation: weights, the sky's sums, reciprocity with a bound.
-/// Quality: doubtful where a row sums to 1 only beyond the run's tolerance (2 % without one), more than 1 % of the view
-/// is blocked, or backs take more than half of a row's view. A doubt alone is exit 0, and 1 with `--strict`.
+/// Quality: doubtful where a row sums to 1, or A_i F_ij is A_j F_ji, only beyond the run's tolerance (2 % without one),
+/// more than 1 % of the view is blocked, or backs take more than half of a row's view. A doubt alone is exit 0, and 1
+/// with `--strict`.
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// Bound on how far from 1 a row may sum [default: for sums of pixels 1e-6 and the form's rounding; else none]
+    /// Bound on how far from 1 a row may sum [default: for sums of pixels 1e-6 and the form's rounding; else a
+    /// doubt beyond the run's tolerance]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) closure: Option<f64>,
     /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) escaped: Option<f64>,
-    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: none, it is reported only]
+    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: a doubt beyond the run's tolerance]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) reciprocity: Option<f64>,
     /// Exit 1 where the quality is doubtful, too
@@ -277,6 +279,11 @@ fn reasons(found: &CheckReport, subject: Subject, verdict: &Verdict) -> String {
             figures(found.quality.closure_limit),
             figures(found.closure.max)
         ),
+        Doubt::Reciprocity => format!(
+            "A_i F_ij and A_j F_ji differ by {}, more than {}",
+            percent(found.reciprocity.residual),
+            figures(found.quality.reciprocity_limit)
+        ),
         Doubt::Blocked => format!(
             "{} of the view ends on backs of one-sided surfaces",
             percent(found.blocked)
@@ -297,7 +304,7 @@ fn number_of_rows(rows: u64, one: &str, many: &str) -> String {
 /// A group of checks and their outcome.
 pub(super) struct Group {
     pub(super) name: &'static str,
-    /// `ok`, `FAILED`, or `-` for figures without a bound.
+    /// `ok`, `DOUBT`, `FAILED`, or `-` for figures without a bound.
     pub(super) state: &'static str,
     pub(super) what: String,
 }
@@ -312,6 +319,14 @@ impl Group {
         }
     }
 
+    /// Doubtful unless it failed.
+    fn doubted(self, is_doubted: bool) -> Self {
+        match self.state {
+            "ok" if is_doubted => Self { state: "DOUBT", ..self },
+            _ => self,
+        }
+    }
+
     /// By a check with an optional bound.
     fn bounded(found: &CheckReport, check: Check, bound: Option<f64>, name: &'static str, what: String) -> Self {
         let group = Self::by(found, &[check], name, what);
@@ -320,6 +335,16 @@ impl Group {
             None => Self { state: "-", ..group },
         }
     }
+}
+
+/// `limit 0.00100, the run's tolerance`.
+fn limit_text(found: &CheckReport, limit: f64) -> String {
+    let whose = if found.tolerance.is_some() {
+        "the run's tolerance"
+    } else {
+        "for a run without a tolerance"
+    };
+    format!("limit {}, {whose}", figures(limit))
 }
 
 fn has_failed(found: &CheckReport, checks: &[Check]) -> bool {
@@ -377,9 +402,10 @@ fn closure(found: &CheckReport) -> Group {
         "|sum of F + escaped + blocked - 1| is at most {}, on average {}; {}",
         figures(found.closure.max),
         figures(found.closure.mean),
-        bound_text(found.closure.bound, "no bound (`--closure X` sets one)")
+        bound_text(found.closure.bound, &limit_text(found, found.quality.closure_limit))
     );
-    Group::bounded(found, Check::Closure, found.closure.bound, "closure", what)
+    let is_doubted = found.verdicts.quality.doubts.contains(&Doubt::Closure);
+    Group::by(found, &[Check::Closure], "closure", what).doubted(is_doubted)
 }
 
 /// The escaped share, of nearly closed scenes or with a bound.
@@ -406,10 +432,12 @@ fn reciprocity(found: &CheckReport) -> Group {
             percent(pairs.residual),
             counted(pairs.pairs, "pair"),
             counted(pairs.rows, "row"),
-            bound_text(pairs.bound, "no bound (`--reciprocity X` sets one)")
+            bound_text(pairs.bound, &limit_text(found, found.quality.reciprocity_limit))
         )
     };
-    Group::bounded(found, Check::Reciprocity, pairs.bound, "reciprocity", what)
+    let is_doubted = found.verdicts.quality.doubts.contains(&Doubt::Reciprocity);
+    let is_measured = (pairs.pairs > 0).then_some(found.quality.reciprocity_limit);
+    Group::bounded(found, Check::Reciprocity, is_measured, "reciprocity", what).doubted(is_doubted)
 }
 
 /// The sky rows beside the matrix, if there are any or they should be.

@@ -14,7 +14,7 @@ use clap::{Args, ValueEnum};
 use files::{Format, Found};
 use hemicube::analysis::exchange::{Exchange, Network};
 use hemicube::analysis::zones::GroupBy;
-use hemicube::solve::{Enclosures, Properties, SolveError, enclosures};
+use hemicube::solve::{Enclosures, Properties, Reading, SolveError, enclosures};
 use hemicube::store::Store;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -50,6 +50,9 @@ pub(crate) struct Arguments {
         hide_possible_values = true
     )]
     pub(crate) by: By,
+    /// Take each row as it is stored, instead of one A_i F_ij of both rows for both directions of a pair
+    #[arg(long)]
+    pub(crate) as_stored: bool,
     /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
@@ -124,7 +127,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     for note in properties.notes() {
         talk.warn(note);
     }
-    let network = Network::new(&store, arguments.by.group())?;
+    let reading = if arguments.as_stored {
+        Reading::AsStored
+    } else {
+        Reading::Pairs
+    };
+    let network = Network::new(&store, arguments.by.group(), reading)?;
     let emissivity = emissivities(&network, &properties)?;
     let bands = match emissivity.len() {
         1 => vec!["total".to_owned()],

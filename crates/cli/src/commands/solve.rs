@@ -16,10 +16,11 @@ use crate::stored;
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use hemicube::analysis::surfaces::ERROR_MOST;
 use hemicube::sky::sky_product;
 use hemicube::solve::{
-    ArrayFile, Block, EnergyBalance, Method, Optics, OutOfCore, Problem, Solution, SolutionWriter, SolveError,
-    SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
+    ArrayFile, Block, EnergyBalance, Factors, Method, Optics, OutOfCore, Pairs, Problem, Reading, SUMS, Solution,
+    SolutionWriter, SolveError, SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
 use hemicube_spatial::whole;
@@ -118,6 +119,9 @@ pub(crate) struct Arguments {
     /// Products with the matrix before it gives up; exit 1
     #[arg(long, value_name = "N", default_value = "500", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_iterations: u32,
+    /// Take each row as it is stored, instead of one A_i F_ij of both rows for both directions of a pair
+    #[arg(long)]
+    pub(crate) as_stored: bool,
     /// About how much memory to use; what of the matrix does not fit is read again each iteration
     #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = bytes)]
     pub(crate) memory: u64,
@@ -270,10 +274,18 @@ struct Record {
     surfaces: Surfaces,
     method: Method,
     tolerance: f64,
+    /// What of the matrix stood for a pair.
+    reading: Reading,
     converged: bool,
     iterations: u32,
     residuals: Vec<f64>,
     balance: Vec<EnergyBalance>,
+    /// The part of its heat that is not known of the enclosure, or the body in one, of which least is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    energy_error: Option<f64>,
+    /// What is to be told of it.
+    #[serde(skip)]
+    warnings: Vec<String>,
     /// The surfaces with most of what a solution that did not converge leaves.
     #[serde(skip)]
     unsettled: Option<String>,
@@ -319,15 +331,28 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let table = store.patches()?;
-    let rows = store.exchange_table()?;
-    let task = Task::new(arguments, &store, &table, &rows, talk)?;
+    let stored = OutOfCore::new(&store, arguments.memory / 2)?;
+    let mut rows = store.exchange_table()?;
+    let threads = arguments.options().threads();
+    let pairs = match arguments.reading() {
+        Reading::AsStored => None,
+        Reading::Pairs => {
+            let pairs = Pairs::new(&stored, &table.area, &rows, threads)?;
+            rows = pairs.rows(&rows, threads)?;
+            Some(pairs)
+        }
+    };
+    let factors: &dyn Factors = match &pairs {
+        Some(pairs) => pairs,
+        None => &stored,
+    };
+    let task = Task::new(arguments, (&store, factors), &table, &rows, talk)?;
     let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);
-    let factors = OutOfCore::new(&store, arguments.memory / 2)?;
     let mut writer = SolutionWriter::create(&store, name, task.quantities(), task.rows)?;
     let mut record = task.record(arguments)?;
     let guard = exit::InterruptGuard::new();
     let at_once = columns_at_once(arguments, &store);
-    let Some(()) = task.solve(&factors, at_once, &mut writer, &mut record, cancel, talk)? else {
+    let Some(()) = task.solve(factors, at_once, &mut writer, &mut record, cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
     // Keeps the solution from being replaced while outputs are written.
@@ -347,6 +372,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     talk.say(text(&record, &store, &path, seconds).trim_end());
     if let Some(results) = &record.by_surface {
         talk.say(results.text().trim_end());
+    }
+    for warning in &record.warnings {
+        talk.warn(warning);
     }
     if !record.converged {
         talk.warn(&format!(
@@ -370,7 +398,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             peak_memory_bytes: report::peak_memory_bytes().filter(|_| timings),
         })?;
     }
-    Ok(if record.converged { Exit::Done } else { Exit::NotHeld })
+    let holds = record.converged && record.energy_error.is_none_or(|share| share <= ERROR_MOST);
+    Ok(if holds { Exit::Done } else { Exit::NotHeld })
 }
 
 /// The words for light or heat.
@@ -416,6 +445,15 @@ impl Arguments {
             bail!("`--sky` divides the sky for `--sky-radiance` or `--ground`, and neither is given");
         }
         Ok(())
+    }
+
+    /// What of the matrix stands for a pair.
+    fn reading(&self) -> Reading {
+        if self.as_stored {
+            Reading::AsStored
+        } else {
+            Reading::Pairs
+        }
     }
 
     fn options(&self) -> SolveOptions {
@@ -476,6 +514,10 @@ fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
         + match arguments.method {
             MethodName::Gmres => u64::from(arguments.restart) + 2,
             _ => 0,
+        }
+        + match arguments.reading() {
+            Reading::Pairs => SUMS as u64,
+            Reading::AsStored => 0,
         };
     (arguments.memory / 2 / (8 * vectors * u64::from(store.patch_count()).max(1))).clamp(1, 1024)
 }
@@ -523,10 +565,13 @@ impl<'a> Task<'a> {
             },
             method: self.options.method,
             tolerance: self.options.tolerance,
+            reading: arguments.reading(),
             converged: true,
             iterations: 0,
             residuals: Vec::new(),
             balance: Vec::new(),
+            energy_error: None,
+            warnings: Vec::new(),
             unsettled: None,
             by_surface: None,
         })
@@ -535,7 +580,7 @@ impl<'a> Task<'a> {
     /// Solves all right-hand sides, `at_once` together, and writes them; `None` where interrupted.
     fn solve(
         &self,
-        factors: &OutOfCore<'_>,
+        factors: &dyn Factors,
         at_once: u64,
         writer: &mut SolutionWriter,
         record: &mut Record,
@@ -569,12 +614,15 @@ impl<'a> Task<'a> {
                         (solution, balance, None)
                     })
                 }
-                Kind::Heat(exchange) => exchange.solve(factors, self.options, &mut progress).map(|found| {
+                Kind::Heat(exchange) => exchange.solve(factors, self.options, &mut progress).and_then(|found| {
                     let of = (&found.problem, &found.solution);
                     let balance = energy_balance(of.0, of.1, &self.table.area, self.row_table);
-                    record.by_surface = exchange.by_surface(self.table, self.row_table, &found);
+                    let enclosures = exchange.enclosures(factors, self.table, self.row_table, &found)?;
+                    record.warnings = exchange.warnings(&enclosures);
+                    record.energy_error = Some(enclosures.share());
+                    record.by_surface = exchange.by_surface(self.table, self.row_table, &found, enclosures);
                     record.unsettled = exchange.unsettled(&found);
-                    (found.solution, balance, Some(found.temperature))
+                    Ok((found.solution, balance, Some(found.temperature)))
                 }),
             };
             let (solution, balance, temperature) = match solved {
@@ -605,7 +653,7 @@ impl<'a> Task<'a> {
 
     fn new(
         arguments: &Arguments,
-        store: &Store,
+        (store, factors): (&Store, &dyn Factors),
         table: &'a PatchTable,
         row_table: &'a RowTable,
         talk: Talk,
@@ -622,7 +670,7 @@ impl<'a> Task<'a> {
             talk.warn(note);
         }
         if arguments.thermal {
-            let exchange = heat::Exchange::new(arguments, store, table, row_table, &properties)?;
+            let exchange = heat::Exchange::new(arguments, (store, factors), table, row_table, &properties)?;
             exchange.question(arguments, table, row_table, talk);
             return Ok(Self {
                 bands: vec!["total".to_owned()],

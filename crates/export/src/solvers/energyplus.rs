@@ -7,13 +7,14 @@
 //! (`zone_or_zonelist_or_space_or_spacelist_name`, before that `zone_or_zonelist_name`).
 //!
 //! Surfaces are objects by their names, which EnergyPlus compares without case. All of them are one enclosure: what
-//! sees nothing of the others is refused.
+//! sees no more than 10⁻⁶ of the others, which rounding makes, is refused.
 
 use super::{SolverJob, SolverWriter};
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::{Cancellable, too_large};
 use crate::{Error, Result};
 use hemicube::analysis::zones::GroupBy;
+use hemicube::solve::LEAST_EXCHANGE;
 use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -164,16 +165,25 @@ fn names_are_good(faces: &Faces<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Every surface must be joined with every other by pairs that see each other.
+/// Every surface must be joined with every other by pairs that see more of each other than rounding makes.
 fn is_one_enclosure(faces: &Faces<'_>) -> std::result::Result<(), Error> {
     let count = faces.len();
+    let mut joined = vec![Vec::new(); count];
+    for place in 0..count {
+        for (column, factor) in faces.row(place)? {
+            if factor > LEAST_EXCHANGE {
+                joined[place].push(column as usize);
+                joined[column as usize].push(place);
+            }
+        }
+    }
     let mut reached = vec![false; count];
     let mut open = vec![0];
     reached[0] = true;
     while let Some(place) = open.pop() {
-        for (column, _) in faces.row(place)? {
-            if !std::mem::replace(&mut reached[column as usize], true) {
-                open.push(column as usize);
+        for &other in &joined[place] {
+            if !std::mem::replace(&mut reached[other], true) {
+                open.push(other);
             }
         }
     }

@@ -203,7 +203,7 @@ pub fn balance(store: &Store, output: &Path, options: &BalanceOptions) -> Result
     }
     let table = store.verify_patches().and_then(|()| store.patches())?;
     let areas = Areas::new(store, &table, options.is_symmetric())?;
-    let survey = Survey::new(store)?;
+    let survey = Survey::new(store, &table)?;
     require_room(store, output, options)?;
     let mut writer = StoreWriter::create(output, header(store, options)?, &table, options.overwrite)?;
     drop(table);

@@ -19,8 +19,8 @@
 //! reciprocity  √(Σ (Aᵢ Fᵢⱼ − Aⱼ Fⱼᵢ)²) / √(Σ (Aᵢ Fᵢⱼ)²), over the entries of sampled rows i whose row j exists
 //! ```
 //!
-//! and of its files against their checksums. [`verdict`] sums them up. Reciprocity has no bound of its own in pixel
-//! mode: the two sides are two hemicubes at two points.
+//! and of its files against their checksums. [`verdict`] sums them up. Without bounds of their own, closure and reciprocity
+//! are judged by what the run was asked for: its tolerance, or 2 % ([`verdict::LIMIT`]).
 
 pub mod verdict;
 mod winding;
@@ -34,7 +34,7 @@ use crate::store::{
 use hemicube_scene::InputPatch;
 use serde::Serialize;
 use std::path::PathBuf;
-use verdict::{CLOSURE, Quality, Verdicts, WARNED};
+use verdict::{LIMIT, Quality, Verdicts, WARNED};
 use winding::{Outwards, Sides};
 
 /// By how much what is handed on may be off what arrives: rounding of both.
@@ -43,12 +43,13 @@ const PASSED: f64 = 1e-6;
 /// Bounds of a check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
-    /// Bound on the closure error of a row. `None`: 1e-6 and the value error of the store's form with pixel sums,
-    /// otherwise no bound: the closure error then measures the form factors' error, which is only reported.
+    /// Bound on the closure error of a row. `None`: 1e-6 and the value error of the store's form with pixel sums;
+    /// otherwise it is a doubt beyond the run's tolerance ([`Quality::closure_limit`]).
     pub closure: Option<f64>,
     /// Bound on the escaped share of a row, for closed scenes; `None` to report it only.
     pub escaped: Option<f64>,
-    /// Bound on the reciprocity residual; `None` to report it only.
+    /// Bound on the reciprocity residual; `None`: it is a doubt beyond the run's tolerance
+    /// ([`Quality::reciprocity_limit`]).
     pub reciprocity: Option<f64>,
     /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
     pub entries_in_memory: u64,
@@ -280,7 +281,9 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let closure_bound = options.closure.or(is_pixel.then_some(1e-6 + manifest.value_error));
     let mut tally = Tally::new(store, is_pixel, closure_bound, options.worst_rows);
     let tolerance = manifest.settings["tolerance"].as_f64();
-    tally.quality.closure_limit = closure_bound.or(tolerance).unwrap_or(CLOSURE);
+    let asked = tolerance.unwrap_or(LIMIT);
+    tally.quality.closure_limit = closure_bound.unwrap_or(asked);
+    tally.quality.reciprocity_limit = options.reciprocity.unwrap_or(asked);
     tally.escaped_bound = options.escaped;
     if !manifest.complete && !options.allow_incomplete {
         let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);
@@ -295,9 +298,10 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     };
     if !manifest.patch_kind().is_triangle() {
         tally.is_pixel = false;
-        let flat = |table: &PatchTable| (0..table.len()).map(|patch| table.is_flat(patch)).collect();
-        tally.flat = Some(table.as_ref().map_or_else(Vec::new, flat));
     }
+    // Without a table, nothing is known against what a patch sees of itself.
+    let most = |table: &PatchTable| table.most_of_itself(manifest.patch_kind(), manifest.has_portals());
+    tally.most_of_itself = table.as_ref().map(most);
     let slots = row_table.as_ref().map_or(0, |_| manifest.patch_count as usize);
     let mut row_sums = vec![None; slots];
     tally.parts(store, &mut row_sums)?;
@@ -419,14 +423,11 @@ fn of_row(part: &Part, row: usize) -> [f64; 9] {
     [sum, a, b, c, d, e, f, g, h]
 }
 
-/// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
-const FLAT: f64 = 1e-3;
-
 #[derive(Debug)]
 struct Tally {
     patch_count: u32,
-    /// Patches in one plane, where patches are several elements.
-    flat: Option<Vec<bool>>,
+    /// Most of itself that each patch may see.
+    most_of_itself: Option<Vec<f64>>,
     /// True for triangles with sums of pixels.
     is_pixel: bool,
     has_portals: bool,
@@ -461,7 +462,7 @@ impl Tally {
     fn new(store: &Store, is_pixel: bool, closure_bound: Option<f64>, worst_count: usize) -> Self {
         Self {
             patch_count: store.patch_count(),
-            flat: None,
+            most_of_itself: None,
             is_pixel,
             has_portals: store.manifest().has_portals(),
             has_specular: store.manifest().has_specular(),
@@ -573,14 +574,8 @@ impl Tally {
 
     /// Most of itself that a patch may see.
     fn most_of_itself(&self, patch: u32) -> f64 {
-        if self.has_portals {
-            return f64::INFINITY;
-        }
-        match self.flat.as_ref().map(|flat| flat.get(patch as usize)) {
-            None => 0.0,
-            Some(Some(true)) => FLAT,
-            Some(_) => 1.0,
-        }
+        let known = self.most_of_itself.as_ref().and_then(|most| most.get(patch as usize));
+        known.copied().unwrap_or(1.0)
     }
 
     /// Holds what a row's mirrors and panes handed on against what arrives there.

@@ -16,8 +16,8 @@
 //!
 //! F' is F with, on its diagonal, what a surface's view neither meets nor loses ([`RowTable::returned`]). The
 //! surroundings, the last column, absorb all that leaves the scene. Then Σ_j G_ij + G_i,surroundings = 1 by
-//! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji: [`Exchange::conservation`] and
-//! [`Exchange::reciprocity`] measure both.
+//! construction, and A_i 𝓕_ij = A_j 𝓕_ji as far as A_i F_ij = A_j F_ji, which [`Reading::Pairs`] makes so:
+//! [`Exchange::conservation`] and [`Exchange::reciprocity`] measure both.
 //!
 //! A column of G is the irradiance where surface j alone emits ε_j: [`solve`] finds some tens of them at once, by
 //! products with F'. No elimination, because that takes N³ operations where scenes of many surfaces have sparse F.
@@ -27,10 +27,11 @@
 
 use super::zones::{GroupBy, zones};
 use crate::solve::{
-    Block, Factors, Heat, InMemory, Method, Problem, STEFAN_BOLTZMANN, SolveError, SolveOptions, require_all_rows,
-    solve,
+    Block, Factors, Heat, InMemory, Method, OutOfCore, Pairs, Problem, Reading, STEFAN_BOLTZMANN, SolveError,
+    SolveOptions, solve,
 };
 use crate::store::{Form, Part, RowTable, Store};
+use std::collections::HashMap;
 
 /// Most surfaces: their factors take 8 N² bytes a band.
 pub const SURFACES_MAX: usize = 20_000;
@@ -60,6 +61,8 @@ pub struct Network {
     pub escaped: Vec<f64>,
     /// Part that exchanges nothing: 1 − Σ F − escaped ([`RowTable::returned`]).
     pub returned: Vec<f64>,
+    /// What rows lack of 1, or have too much: `returned` less backs and patches without a column.
+    pub error: Vec<f64>,
     /// ρs + τ of each surface; empty without mirrors and panes.
     pub handed_on: Vec<f64>,
     /// The form factors.
@@ -67,13 +70,13 @@ pub struct Network {
 }
 
 impl Network {
-    /// The surfaces of a stored matrix; its own patches without `by`.
+    /// The surfaces of a stored matrix; its own patches without `by`. `reading` says what of the matrix stands for a pair.
     ///
     /// # Errors
     /// [`SolveError::Problem`] for more than [`SURFACES_MAX`] surfaces, and errors of reading; a patch without a row is
     /// one, because what it sends is not known.
-    pub fn new(store: &Store, by: Option<GroupBy>) -> Result<Self, SolveError> {
-        require_all_rows(store)?;
+    pub fn new(store: &Store, by: Option<GroupBy>, reading: Reading) -> Result<Self, SolveError> {
+        let factors = OutOfCore::new(store, 0)?;
         let too_many = |count: usize| {
             Err(SolveError::Problem(format!(
                 "{count} surfaces are more than {SURFACES_MAX}, and a factor between each two would take {} GB; take \
@@ -86,43 +89,67 @@ impl Network {
             if table.len() > SURFACES_MAX {
                 return too_many(table.len());
             }
-            return Self::of_patches(store);
+            return Self::of_patches(&factors, store, reading);
         };
         let zones = zones(store, by)?;
         if zones.len() > SURFACES_MAX {
             return too_many(zones.len());
         }
-        let rows: Vec<Vec<(u32, f64)>> = zones.iter().map(|zone| zone.factors.clone()).collect();
         let (_, of_patch) = super::zones::zones_of(&table, super::zones::names_of(store.manifest()), by);
+        let lost = store.row_table()?;
+        let (rows, form) = match reading {
+            Reading::AsStored => (
+                zones.iter().map(|zone| zone.factors.clone()).collect(),
+                store.manifest().form,
+            ),
+            Reading::Pairs => {
+                let pairs = Pairs::new(&factors, &table.area, &lost, 0)?;
+                let areas: Vec<f64> = zones.iter().map(|zone| zone.area).collect();
+                (rows_of_pairs(&pairs, &of_patch, &areas)?, Form::Double)
+            }
+        };
         Self::built(
             zones.iter().map(|zone| zone.name.clone()).collect(),
             zones
                 .iter()
-                .map(|zone| (zone.area, zone.patches, zone.escaped))
+                .map(|zone| (zone.area, zone.patches, [zone.escaped, zone.blocked + zone.unselected]))
                 .collect(),
             of_patch,
             &rows,
-            store.manifest().form,
+            form,
         )
-        .handing_on(&store.row_table()?)
+        .handing_on(&lost)
     }
 
-    fn of_patches(store: &Store) -> Result<Self, SolveError> {
+    fn of_patches(factors: &OutOfCore<'_>, store: &Store, reading: Reading) -> Result<Self, SolveError> {
         let (table, lost) = (store.patches()?, store.row_table()?);
-        let mut rows = vec![Vec::new(); table.len()];
-        for row in store.rows()? {
-            let (patch, row) = row?;
-            let entries = row.indices.iter().zip(&row.data);
-            rows[patch.0 as usize] = entries.map(|(&column, factor)| (column, factor)).collect();
-        }
+        let all: Vec<u32> = (0..).take(table.len()).collect();
+        let (rows, form) = match reading {
+            Reading::Pairs => {
+                let pairs = Pairs::new(factors, &table.area, &lost, 0)?;
+                (rows_of_pairs(&pairs, &all, &table.area)?, Form::Double)
+            }
+            Reading::AsStored => {
+                let mut rows = vec![Vec::new(); table.len()];
+                for row in store.rows()? {
+                    let (patch, row) = row?;
+                    let entries = row.indices.iter().zip(&row.data);
+                    rows[patch.0 as usize] = entries.map(|(&column, factor)| (column, factor)).collect();
+                }
+                (rows, store.manifest().form)
+            }
+        };
         let known = |share: f64| if share.is_nan() { 0.0 } else { share };
-        let measures = (table.area.iter().zip(&lost.escaped)).map(|(&area, &escaped)| (area, 1, known(escaped)));
+        let measures = table.area.iter().enumerate().map(|(patch, &area)| {
+            let [escaped, blocked, unselected] = lost.shares(patch).to_array().map(known);
+            (area, 1, [escaped, blocked + unselected])
+        });
         Self::built(
             (0..table.len()).map(|patch| patch.to_string()).collect(),
             measures.collect(),
-            (0..).take(table.len()).collect(),
+            all,
             &rows,
-            store.manifest().form,
+            form,
         )
         .handing_on(&lost)
     }
@@ -145,22 +172,38 @@ impl Network {
             let passed = of.map(|(&to, factor)| handed_on[to.cast_unsigned() as usize] * factor);
             let surface = surface as usize;
             let kept = 1.0 - handed_on[surface];
-            let lost = self.returned[surface] + passed.sum::<f64>();
+            let passed = passed.sum::<f64>();
+            let lost = self.returned[surface] + passed;
+            self.error[surface] += passed;
             self.returned[surface] = if kept > KEPT_LEAST { lost / kept } else { 0.0 };
         }
         self.handed_on = handed_on;
         Ok(self)
     }
 
+    /// What each row lacks of 1, or has too much, as a part of what it exchanges.
+    pub fn row_errors(&self) -> Vec<f64> {
+        let of = |surface: usize| {
+            let exchanged = 1.0 - self.kept(surface) * self.returned[surface];
+            if exchanged > 0.0 {
+                self.error[surface] / exchanged
+            } else {
+                0.0
+            }
+        };
+        (0..self.len()).map(of).collect()
+    }
+
     /// 1 − ρs − τ of a surface.
-    fn kept(&self, surface: usize) -> f64 {
+    pub fn kept(&self, surface: usize) -> f64 {
         1.0 - self.handed_on.get(surface).copied().unwrap_or(0.0)
     }
 
-    /// A network of area, number of patches and escaped share of each surface, and its rows.
+    /// A network of area, number of patches, and share of the view that leaves the scene and that ends on backs or
+    /// patches without a column, of each surface, and its rows.
     fn built(
         names: Vec<String>,
-        measures: Vec<(f64, u32, f64)>,
+        measures: Vec<(f64, u32, [f64; 2])>,
         of_patch: Vec<u32>,
         rows: &[Vec<(u32, f64)>],
         form: Form,
@@ -169,8 +212,8 @@ impl Network {
             indptr: vec![0],
             ..Part::new(form)
         };
-        let mut returned = Vec::new();
-        for ((surface, row), &(_, _, escaped)) in (0u32..).zip(rows).zip(&measures) {
+        let (mut returned, mut error) = (Vec::new(), Vec::new());
+        for ((surface, row), &(_, _, [escaped, ended])) in (0u32..).zip(rows).zip(&measures) {
             let mut sum = 0.0;
             for &(to, factor) in row.iter().filter(|(_, factor)| *factor != 0.0) {
                 part.indices.push(to.cast_signed());
@@ -180,14 +223,16 @@ impl Network {
             part.rows.push(surface);
             part.indptr.push(i64::try_from(part.data.len()).unwrap_or(i64::MAX));
             returned.push(1.0 - sum - escaped);
+            error.push(1.0 - sum - escaped - ended);
         }
         Self {
             names,
             area: measures.iter().map(|&(area, ..)| area).collect(),
             patches: measures.iter().map(|&(_, patches, _)| patches).collect(),
-            escaped: measures.iter().map(|&(.., escaped)| escaped).collect(),
+            escaped: measures.iter().map(|&(.., [escaped, _])| escaped).collect(),
             of_patch,
             returned,
+            error,
             handed_on: Vec::new(),
             factors: InMemory::new(rows.len(), vec![part]),
         }
@@ -263,6 +308,37 @@ impl Network {
     }
 }
 
+/// The rows of surfaces whose pairs are read once: F'ᵢⱼ = Gᵢⱼ / Aᵢ, ascending by surface.
+fn rows_of_pairs(pairs: &Pairs<'_>, of_patch: &[u32], areas: &[f64]) -> Result<Vec<Vec<(u32, f64)>>, SolveError> {
+    let mut sums: Vec<HashMap<u32, f64>> = vec![HashMap::new(); areas.len()];
+    let mut of_row: HashMap<u32, f64> = HashMap::new();
+    for run in 0..pairs.run_count() {
+        let part = pairs.run(run)?;
+        for (row, &patch) in part.rows.iter().enumerate() {
+            let patch = patch as usize;
+            let from = of_patch[patch];
+            of_row.clear();
+            let (columns, data) = part.row(row);
+            for (&column, factor) in columns.iter().zip(data) {
+                let column = column.cast_unsigned() as usize;
+                *of_row.entry(of_patch[column]).or_insert(0.0) += pairs.reading(patch, column, factor);
+            }
+            // The same numbers in the same order both ways: G is symmetric to the last bit.
+            for (&to, &reading) in &of_row {
+                *sums[from as usize].entry(to).or_insert(0.0) += reading;
+                *sums[to as usize].entry(from).or_insert(0.0) += reading;
+            }
+        }
+    }
+    let row = |(sums, &area): (HashMap<u32, f64>, &f64)| {
+        let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
+        let mut row: Vec<(u32, f64)> = sums.into_iter().map(|(to, sum)| (to, sum * scale)).collect();
+        row.sort_unstable_by_key(|&(to, _)| to);
+        row
+    };
+    Ok(sums.into_iter().zip(areas).map(row).collect())
+}
+
 /// Exchange factors of a network in one band or more.
 #[derive(Clone, Debug)]
 pub struct Exchange {
@@ -287,17 +363,18 @@ impl Exchange {
     /// ```
     /// use hemicube::analysis::exchange::{Exchange, Network};
     /// use hemicube::analysis::zones::GroupBy;
+    /// use hemicube::solve::Reading;
     /// # use hemicube::accuracy::correct::Correction;
     /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
     /// # let folder = tempfile::tempdir()?;
     /// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
     ///
-    /// let network = Network::new(&store, Some(GroupBy::Object))?;
+    /// let network = Network::new(&store, Some(GroupBy::Object), Reading::Pairs)?;
     /// let exchange = Exchange::new(&network, &[vec![0.8; network.len()]], 0, &mut |_, _| true)?;
     /// assert!(exchange.conservation(0) < 1e-8, "each row adds up to 1");
     /// let (floor, light) = (0, 1);
     /// let (there, back) = (exchange.area(&network, 0, floor, light), exchange.area(&network, 0, light, floor));
-    /// assert!((there / back - 1.0).abs() < 0.1, "reciprocal as far as the patches are: {there} and {back}");
+    /// assert!((there / back - 1.0).abs() < 1e-6, "one exchange area for both directions: {there} and {back}");
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn new(
@@ -459,7 +536,7 @@ mod tests {
         let measures = area
             .iter()
             .zip(escaped)
-            .map(|(&area, &escaped)| (area, 1, escaped))
+            .map(|(&area, &escaped)| (area, 1, [escaped, 0.0]))
             .collect();
         let names = (0..area.len()).map(|surface| format!("s{surface}")).collect();
         Network::built(names, measures, (0..).take(area.len()).collect(), &rows, Form::Plain)

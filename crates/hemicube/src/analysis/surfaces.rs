@@ -6,12 +6,26 @@
 //!
 //! Over all surfaces Q adds up to what the surroundings receive, plus the matrix's error Σᵢⱼ (AᵢFᵢⱼ − AⱼFⱼᵢ) Bᵢ: with
 //! B − G = Σⱼ Fᵢⱼ (Bᵢ − Bⱼ) + escapedᵢ (Bᵢ − H) nothing else is left, not even the residual of the iteration
-//! (`solve.rs`). [`HeatBalance::error`] is that sum.
+//! (`solve.rs`). [`HeatBalance::error`] is that sum: 0 to rounding where pairs are read once
+//! ([`Pairs`](crate::solve::Pairs)).
+//!
+//! A row that then sums to 1 − δ lacks δ of its view, or has it too much. Spread as the rest of the view, that is δ / s
+//! of the patch's heat, s being the share that it exchanges:
+//!
+//! ```text
+//! eᵢ = Aᵢ qᵢ δᵢ / sᵢ        δᵢ = 1 − Σⱼ F'ᵢⱼ − escapedᵢ − blockedᵢ − unselectedᵢ        sᵢ = Σⱼ F'ᵢⱼ + escapedᵢ
+//! ```
+//!
+//! Of a body (the patches of one name and condition) the error is |Σ e|, of an enclosure the part that its bodies' errors
+//! are of all that they give off and take up: errors of two bodies do not cancel, and each is a part of the heat of that
+//! body or enclosure alone ([`heat_errors`]). As stored, what the two readings of pairs disagree by
+//! ([`disagreement`](crate::solve::disagreement)) adds to e.
 
 use super::zones::{GroupBy, zones_of};
-use crate::solve::Solution;
+use crate::solve::{Enclosures, Solution};
 use crate::store::{PatchTable, RowTable};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Heat of a surface, in W where the scene's unit is the metre.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -46,16 +60,106 @@ pub struct HeatBalance {
     pub taken_up: f64,
     /// Net heat that leaves to the surroundings, in W.
     pub surroundings: f64,
-    /// Remainder of all heat, in W: A F lacks it of symmetry.
+    /// Remainder of all heat, in W: rounding, or what A F lacks of symmetry as it is stored.
     pub error: f64,
 }
 
-impl HeatBalance {
-    /// The error as a part of the heat given off, or taken up where that is more; 0 where there is none.
-    pub fn relative_error(&self) -> f64 {
-        let whole = self.given_off.max(-self.taken_up).max(self.surroundings.abs());
-        if whole > 0.0 { self.error.abs() / whole } else { 0.0 }
+/// Heat, and what is not known of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct HeatError {
+    /// Heat that flows, in W: given off, or taken up where that is more; of a body what its patches give off and take up.
+    pub heat: f64,
+    /// In W, from 0 on.
+    pub error: f64,
+}
+
+impl HeatError {
+    /// The error as a part of the heat; 0 where there is none.
+    pub fn share(&self) -> f64 {
+        if self.heat > 0.0 { self.error / self.heat } else { 0.0 }
     }
+}
+
+/// The error of an enclosure's heat, and of the body in it of which least is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EnclosureError {
+    /// Of the whole.
+    pub whole: HeatError,
+    /// The number of the body with the largest share, and its error.
+    pub worst: Option<(u32, HeatError)>,
+}
+
+impl EnclosureError {
+    /// The larger share of both.
+    pub fn share(&self) -> f64 {
+        self.whole.share().max(self.worst.map_or(0.0, |(_, body)| body.share()))
+    }
+}
+
+/// Share of the heat above which its error is to be told.
+pub const ERROR_TOLD: f64 = 0.01;
+/// Share above which no result is.
+pub const ERROR_MOST: f64 = 0.1;
+/// Heat of a body below this part of its enclosure's is rounding.
+const HEAT_LEAST: f64 = 1e-6;
+/// Heat below this part of all that is sent is rounding, or below the residual of the iteration.
+const RESIDUAL_LEAST: f64 = 1e-13;
+
+/// δ / s of each row: what it lacks of 1, or has too much, as a part of what it exchanges.
+pub fn row_errors(rows: &RowTable) -> Vec<f64> {
+    let known = |share: f64| if share.is_nan() { 0.0 } else { share };
+    let of = |patch: usize| {
+        let [escaped, blocked, unselected] = rows.shares(patch).to_array().map(known);
+        let exchanged = known(rows.row_sum[patch]) - rows.passed_of(patch) + escaped;
+        let lacks = 1.0 - exchanged - blocked - unselected;
+        if exchanged > 0.0 { lacks / exchanged } else { 0.0 }
+    };
+    (0..rows.row_sum.len()).map(of).collect()
+}
+
+/// Heat that a solution leaves unsure, by enclosure. Of each patch are `heat`, what it gives off, `error` and `sent`, all
+/// in W, and the number of its body. `residual` is the iteration's.
+///
+/// # Panics
+/// When the arrays are not of the enclosures' patches.
+pub fn heat_errors(
+    [heat, error, sent]: [&[f64]; 3],
+    enclosures: &Enclosures,
+    body: &[u32],
+    residual: f64,
+) -> Vec<EnclosureError> {
+    let mut bodies: BTreeMap<(u32, u32), [f64; 2]> = BTreeMap::new();
+    let mut flows = vec![[0.0; 3]; enclosures.len()];
+    for (patch, &enclosure) in enclosures.of_patch().iter().enumerate() {
+        let [given_off, taken_up, all] = &mut flows[enclosure as usize];
+        *given_off += heat[patch].max(0.0);
+        *taken_up -= heat[patch].min(0.0);
+        *all += sent[patch].abs();
+        let [flow, off] = bodies.entry((enclosure, body[patch])).or_default();
+        *flow += heat[patch].abs();
+        *off += error[patch];
+    }
+    let mut found = vec![EnclosureError::default(); enclosures.len()];
+    // What one body gives off another takes up: the errors of both are of both.
+    for ((enclosure, body), [flow, off]) in bodies {
+        let [given_off, taken_up, all] = flows[enclosure as usize];
+        let heat = given_off.max(taken_up);
+        let left = residual.max(RESIDUAL_LEAST) * all;
+        if heat <= left {
+            continue;
+        }
+        let of = &mut found[enclosure as usize];
+        of.whole.heat = heat;
+        of.whole.error += off.abs() * heat / (given_off + taken_up);
+        let own = HeatError {
+            heat: flow,
+            error: off.abs(),
+        };
+        if flow > left.max(HEAT_LEAST * heat) && of.worst.is_none_or(|(_, worst)| worst.share() < own.share()) {
+            of.worst = Some((body, own));
+        }
+    }
+    found
 }
 
 /// Patches of a matrix with what their rows hold.
@@ -148,4 +252,41 @@ pub fn heat_by_surface(
     }
     balance.error = balance.given_off + balance.taken_up - balance.surroundings;
     (surfaces, balance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::{InMemory, enclosures};
+
+    #[test]
+    fn an_error_is_neither_diluted_by_a_neighbour_nor_cancelled_by_sign() {
+        // A small enclosure 0, 1 and a large one 2, 3, 4.
+        let mut rows = vec![vec![0.0; 5]; 5];
+        (rows[0][1], rows[1][0], rows[2][3], rows[3][4], rows[4][2]) = (1.0, 1.0, 1.0, 1.0, 1.0);
+        let found = enclosures(&InMemory::dense(&rows)).expect("a matrix");
+        let heat = [10.0, -10.0, 1e6, -5e5, -5e5];
+        let error = [0.5, -0.5, 0.0, 10.0, -10.0];
+        let errors = heat_errors([&heat, &error, &heat], &found, &[0, 1, 2, 3, 3], 1e-9);
+        assert_eq!(errors[0].whole, HeatError { heat: 10.0, error: 0.5 });
+        assert_eq!(
+            errors[0].worst.map(|(body, error)| (body, error.share())),
+            Some((0, 0.05))
+        );
+        // Patches of one body at one temperature do: it is one sum.
+        assert_eq!(errors[1].whole, HeatError { heat: 1e6, error: 0.0 });
+        // What the iteration leaves is no heat.
+        let errors = heat_errors([&heat, &error, &[1e6; 5]], &found, &[0; 5], 1e-4);
+        assert_eq!((errors[0].share(), errors[0].worst), (0.0, None));
+    }
+
+    #[test]
+    fn a_rows_error_is_what_neither_it_nor_its_shares_account_for() {
+        let mut rows = RowTable::unknown(3);
+        rows.row_sum = vec![0.75, 1.25, 0.0];
+        (rows.escaped[0], rows.blocked[0]) = (0.05, 0.2);
+        assert!(row_errors(&rows)[0].abs() < 1e-12);
+        assert!((row_errors(&rows)[1] + 0.2).abs() < 1e-12);
+        assert_eq!(row_errors(&rows)[2], 0.0);
+    }
 }

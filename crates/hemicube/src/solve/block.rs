@@ -64,6 +64,11 @@ impl Block {
         &self.values
     }
 
+    /// All numbers, mutable.
+    pub(super) fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
     /// One of the vectors.
     pub fn column(&self, column: usize) -> impl Iterator<Item = f64> + '_ {
         self.values.iter().skip(column).step_by(self.columns.max(1)).copied()

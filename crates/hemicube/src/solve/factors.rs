@@ -1,6 +1,7 @@
 //! The matrix for solvers: run by run, from memory or from a store.
 
 use super::Block;
+use super::pairs::{self, Weights};
 use crate::store::{Error, FactorSlice, Number, Part, Result, Store};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,6 +21,11 @@ pub trait Factors: Sync {
     /// # Errors
     /// When they cannot be read.
     fn run(&self, index: usize) -> Result<Arc<Part>>;
+
+    /// What the two readings of a pair count, where products are of both ([`super::Pairs`]).
+    fn weights(&self) -> Option<&Weights> {
+        None
+    }
 }
 
 /// A matrix in memory: for small scenes, and for embedders.
@@ -92,7 +98,7 @@ const PARTS_AHEAD: usize = 4;
 ///
 /// # Errors
 /// [`Error::Incomplete`] when parts are missing, [`Error::Unsupported`] for a matrix of some rows.
-pub(crate) fn require_all_rows(store: &Store) -> Result<()> {
+fn require_all_rows(store: &Store) -> Result<()> {
     store.require_complete()?;
     let (rows, patches) = (store.manifest().rows_present(), store.patch_count());
     if rows == u64::from(patches) {
@@ -197,11 +203,15 @@ fn fixed<const N: usize>(columns: &[i32], factors: &[impl Number], x: &Block, ou
     out.copy_from_slice(&sums);
 }
 
-/// F X, by several threads. Each row is one sum in the order of its entries, so the result does not depend on them.
+/// F X, by several threads. Each row is one sum in the order of its entries, so the result does not depend on them. Of
+/// [`super::Pairs`], F' X.
 ///
 /// # Errors
 /// When a run cannot be read, or a patch has two rows.
 pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Block> {
+    if let Some(weights) = factors.weights() {
+        return pairs::multiply(factors, weights, x, threads);
+    }
     let columns = x.columns();
     let mut product = Block::zeros(factors.patch_count(), columns);
     let run_count = factors.run_count();

@@ -1,6 +1,7 @@
 //! Jacobi's and Gauss–Seidel's iterations.
 
 use super::factors::{in_order, row_product};
+use super::pairs::Sweeps;
 use super::{Block, SolveError, Work};
 
 /// From `b` until the residual is within the tolerance.
@@ -32,21 +33,37 @@ pub(super) fn jacobi(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveEr
 pub(super) fn gauss_seidel(work: &mut Work<'_>, mut b: Block) -> Result<Block, SolveError> {
     let columns = work.columns();
     let mut sums = vec![0.0; columns];
+    let mut changes = vec![0.0; columns];
+    let mut pairs = match work.factors.weights() {
+        Some(weights) => {
+            // Reads the matrix as a product does.
+            work.iterations += 1;
+            Some(Sweeps::new(work.factors, weights, &b)?)
+        }
+        None => None,
+    };
     while !work.is_out_of_iterations() {
         let mut squares = vec![0.0; columns];
         let (problem, source) = (work.problem, &work.source);
         in_order(work.factors, |part| {
             for (row, &patch) in part.rows.iter().enumerate() {
                 let (indices, data) = part.row(row);
-                row_product(indices, data, &b, &mut sums);
                 let patch = patch as usize;
+                match &pairs {
+                    Some(pairs) => pairs.product(patch, (indices, data), &b, &mut sums),
+                    None => row_product(indices, data, &b, &mut sums),
+                }
                 let source = source.of(patch);
                 for (column, value) in b.of_mut(patch).iter_mut().enumerate() {
                     let arriving = sums[column] + problem.back(patch) * *value;
                     let new = source[column] + problem.rho(patch, column) * arriving;
                     let new = problem.step(patch, column, *value, new);
-                    squares[column] += (new - *value) * (new - *value);
+                    changes[column] = new - *value;
+                    squares[column] += changes[column] * changes[column];
                     *value = new;
+                }
+                if let Some(pairs) = &mut pairs {
+                    pairs.changed(patch, (indices, data), &changes);
                 }
             }
         })?;

@@ -10,6 +10,9 @@ use hemicube_scene::{Patches, Scene};
 const IN_PLANE: f64 = 1e-6;
 const UPRIGHT: f64 = 1.0 - 5e-7;
 
+/// Most of itself that a patch of several elements in one plane may see: they are in it to rounding.
+const FLAT_SELF: f64 = 1e-3;
+
 /// Sums over the elements of a patch.
 #[derive(Clone, Copy, Debug)]
 struct Sums {
@@ -113,6 +116,18 @@ impl PatchTable {
     /// When there is no such patch.
     pub fn is_flat(&self, patch: usize) -> bool {
         self.normal[patch] != [0.0; 3]
+    }
+
+    /// The most of itself that each patch may see: nothing of a triangle, [`FLAT_SELF`] of several elements in one plane,
+    /// anything of several that lie in none, and through portals.
+    pub(crate) fn most_of_itself(&self, kind: PatchKind, has_portals: bool) -> Vec<f64> {
+        let most = |patch: usize| match (has_portals, kind.is_triangle()) {
+            (true, _) => f64::INFINITY,
+            (false, true) => 0.0,
+            (false, false) if self.is_flat(patch) => FLAT_SELF,
+            (false, false) => 1.0,
+        };
+        (0..self.len()).map(most).collect()
     }
 
     /// The name of a patch of several elements: of its object or material, or the number of its face, from 0, with

@@ -197,6 +197,8 @@ class Solution:
     @property
     def balance(self) -> list[dict[str, float]]: ...
     @property
+    def energy_error(self) -> float | None: ...
+    @property
     def flux(self) -> _Floats: ...
     @property
     def temperature(self) -> _Floats | None: ...
@@ -386,6 +388,7 @@ def solve(
     memory: int = 1_000_000_000,
     threads: int = 0,
     progress: Callable[[int, float], object] | None = None,
+    as_stored: bool = False,
 ) -> Solution: ...
 def solve_heat(
     matrix: Matrix,
@@ -403,6 +406,7 @@ def solve_heat(
     memory: int = 1_000_000_000,
     threads: int = 0,
     progress: Callable[[int, float], object] | None = None,
+    as_stored: bool = False,
 ) -> Solution: ...
 def exchange(
     matrix: Matrix,
@@ -410,6 +414,7 @@ def exchange(
     *,
     by: Literal["object", "material", "face", "patch"] = "object",
     threads: int = 0,
+    as_stored: bool = False,
 ) -> Exchange: ...
 def sky(
     scene: Scene,

@@ -223,6 +223,7 @@ impl Page<'_> {
             let class = match group.state {
                 "ok" => "ok",
                 "FAILED" => "failed",
+                "DOUBT" => "doubtful",
                 _ => "measured",
             };
             let state = if group.state == "-" { "measured" } else { group.state };

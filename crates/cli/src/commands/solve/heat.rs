@@ -1,6 +1,6 @@
 //! Heat for `hemicube solve`: conditions, surroundings, and what is asked about them.
 
-use super::surfaces::{By, Results};
+use super::surfaces::{By, EnclosuresOfHeat, Results};
 use super::{Arguments, Surfaces};
 use crate::args::Talk;
 use crate::exit::hinted;
@@ -10,16 +10,17 @@ use crate::stored;
 use anyhow::{Result, anyhow, bail};
 use hemicube::PatchKind;
 use hemicube::analysis::exchange::Network;
-use hemicube::analysis::surfaces::{MatrixTables, heat_by_surface};
+use hemicube::analysis::surfaces::{MatrixTables, heat_by_surface, heat_errors, row_errors};
 use hemicube::analysis::zones::require_kind;
 use hemicube::sky::StoredSky;
 use hemicube::solve::{
-    Block, Condition, Enclosures, Heat, HeatSolution, Named, OPEN, OutOfCore, Problem, Properties, Solution,
-    SolveError, SolveOptions, Step, Temperature, Thermal, Undetermined, enclosures, open_share, question_of_cold,
-    solve_heat,
+    Block, Condition, Enclosures, Factors, Heat, HeatSolution, Named, OPEN, Problem, Properties, Reading, Solution,
+    SolveError, SolveOptions, Step, Temperature, Thermal, Undetermined, disagreement, enclosures, open_share,
+    question_of_cold, solve_heat,
 };
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// Surfaces named of a solution that did not converge.
 const UNSETTLED_SHOWN: usize = 3;
@@ -78,8 +79,9 @@ pub(super) struct Exchange {
     /// Surfaces of one radiosity in place of patches.
     network: Option<(Network, Heat)>,
     manifest: Manifest,
-    /// Found for results by surface, and where nothing has a temperature.
-    enclosures: Option<Enclosures>,
+    enclosures: Enclosures,
+    reading: Reading,
+    store: PathBuf,
     undetermined: Undetermined,
     /// Number of surfaces with emissivities of the scene, and the least and greatest of these.
     of_scene: Option<(usize, f64, f64)>,
@@ -88,7 +90,7 @@ pub(super) struct Exchange {
 impl Exchange {
     pub(super) fn new(
         arguments: &Arguments,
-        store: &Store,
+        (store, factors): (&Store, &dyn Factors),
         table: &PatchTable,
         rows: &RowTable,
         properties: &Properties,
@@ -120,15 +122,11 @@ impl Exchange {
         if let Some(by) = by {
             require_kind(store, by.group())?;
         }
-        let is_known = |kind: &Thermal| {
-            let has = matches!(kind.condition, Condition::Temperature(_));
-            has && kind.is_used && kind.emissivity != Some(0.0)
-        };
         let manifest = store.manifest().clone();
         let network = match arguments.network {
             None => None,
             Some(by) => {
-                let network = Network::new(store, Some(by.group()))?;
+                let network = Network::new(store, Some(by.group()), arguments.reading())?;
                 let of_surfaces = network.heat(&heat).map_err(|name| {
                     hinted(
                         anyhow!(
@@ -140,37 +138,29 @@ impl Exchange {
                 Some((network, of_surfaces))
             }
         };
-        let mut exchange = Self {
+        let found = enclosures(factors)?;
+        let named = Named {
+            objects: &manifest.objects,
+            materials: &manifest.materials,
+            object: &table.object,
+            material: &table.material,
+        };
+        let undetermined = heat.require_temperatures(&found, &rows.escaped, named)?;
+        Ok(Self {
             by,
             network,
             manifest,
             heat,
             ambient,
             ground,
-            enclosures: None,
-            undetermined: Undetermined::default(),
+            enclosures: found,
+            undetermined,
+            reading: arguments.reading(),
+            store: store.directory().to_owned(),
             of_scene,
             kind_of_patch: properties.kind_of_patch().to_vec(),
             thermal,
-        };
-        if by.is_some() || !exchange.thermal.iter().any(is_known) {
-            exchange.find_enclosures(&OutOfCore::new(store, arguments.memory / 2)?, table, rows)?;
-        }
-        Ok(exchange)
-    }
-
-    /// Finds the enclosures, and refuses those without a temperature.
-    fn find_enclosures(&mut self, factors: &OutOfCore<'_>, table: &PatchTable, rows: &RowTable) -> Result<()> {
-        let found = enclosures(factors)?;
-        let named = Named {
-            objects: &self.manifest.objects,
-            materials: &self.manifest.materials,
-            object: &table.object,
-            material: &table.material,
-        };
-        self.undetermined = self.heat.require_temperatures(&found, &rows.escaped, named)?;
-        self.enclosures = Some(found);
-        Ok(())
+        })
     }
 
     /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
@@ -229,7 +219,7 @@ impl Exchange {
 
     pub(super) fn solve(
         &self,
-        factors: &OutOfCore<'_>,
+        factors: &dyn Factors,
         options: SolveOptions,
         progress: &mut dyn FnMut(Step) -> bool,
     ) -> Result<HeatSolution, SolveError> {
@@ -273,8 +263,99 @@ impl Exchange {
         Some(format!("; most is left of {}", worst.join(", ")))
     }
 
+    fn tables<'t>(&'t self, table: &'t PatchTable, rows: &'t RowTable) -> MatrixTables<'t> {
+        MatrixTables {
+            patches: table,
+            rows,
+            names: [&self.manifest.objects, &self.manifest.materials],
+        }
+    }
+
+    /// The enclosures, and what is not known of their heat.
+    pub(super) fn enclosures(
+        &self,
+        factors: &dyn Factors,
+        table: &PatchTable,
+        rows: &RowTable,
+        found: &HeatSolution,
+    ) -> Result<EnclosuresOfHeat, SolveError> {
+        let patches = table.len();
+        let radiosity = |patch: usize| found.solution.radiosity.of(patch)[0];
+        let flux = |patch: usize| radiosity(patch) - rows.kept(patch) * found.solution.irradiance.of(patch)[0];
+        let heat: Vec<f64> = (0..patches).map(|patch| table.area[patch] * flux(patch)).collect();
+        let sent: Vec<f64> = (0..patches).map(|patch| table.area[patch] * radiosity(patch)).collect();
+        let black = |kept: f64, radiosity: f64| if kept > 0.0 { radiosity / kept } else { 0.0 };
+        let mut error = match &self.network {
+            None => row_errors(rows),
+            Some((network, _)) => {
+                let of = network.row_errors();
+                network.of_patch.iter().map(|&surface| of[surface as usize]).collect()
+            }
+        };
+        error.iter_mut().zip(&heat).for_each(|(error, heat)| *error *= heat);
+        if self.reading == Reading::AsStored {
+            let differ = match &self.network {
+                None => {
+                    let kept: Vec<f64> = (0..patches).map(|patch| rows.kept(patch)).collect();
+                    let blacks: Vec<f64> = (0..patches).map(|patch| black(kept[patch], radiosity(patch))).collect();
+                    disagreement(factors, &table.area, &kept, &blacks)?
+                }
+                Some((network, _)) => {
+                    let kept: Vec<f64> = (0..network.len()).map(|surface| network.kept(surface)).collect();
+                    let mut blacks = vec![0.0; network.len()];
+                    for (patch, &surface) in network.of_patch.iter().enumerate() {
+                        blacks[surface as usize] = black(kept[surface as usize], radiosity(patch));
+                    }
+                    let of = disagreement(&network.factors, &network.area, &kept, &blacks)?;
+                    let share = |(patch, &surface): (usize, &u32)| {
+                        of[surface as usize] * table.area[patch] / network.area[surface as usize]
+                    };
+                    network.of_patch.iter().enumerate().map(share).collect()
+                }
+            };
+            error
+                .iter_mut()
+                .zip(differ)
+                .for_each(|(error, differs)| *error += differs);
+        }
+        let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
+        let errors = heat_errors([&heat, &error, &sent], &self.enclosures, &self.kind_of_patch, residual);
+        let shown = |body: u32| self.thermal[body as usize].shown();
+        Ok(EnclosuresOfHeat::new(
+            &self.enclosures,
+            self.tables(table, rows),
+            &errors,
+            &shown,
+        ))
+    }
+
+    /// What is to be told of heat of which too little is known.
+    pub(super) fn warnings(&self, enclosures: &EnclosuresOfHeat) -> Vec<String> {
+        let why = match self.reading {
+            Reading::Pairs => "rows of the matrix do not sum to 1",
+            Reading::AsStored => "A[i] F[i, j] is not A[j] F[j, i] in the matrix as it is stored",
+        };
+        let told = enclosures.unsure().map(|(what, error)| {
+            format!(
+                "the heat of {what} is known within {} only, {} W of {}: {why}; `hemicube balance {} -o OUT \
+                 --reciprocity --closure` closes it, and a smaller `--tolerance` of `compute` measures it",
+                percent(error.share()),
+                figures(error.error),
+                figures(error.heat),
+                self.store.display()
+            )
+        });
+        told.collect()
+    }
+
     /// Results by surface, where they are asked for.
-    pub(super) fn by_surface(&self, table: &PatchTable, rows: &RowTable, found: &HeatSolution) -> Option<Results> {
+    pub(super) fn by_surface(
+        &self,
+        table: &PatchTable,
+        rows: &RowTable,
+        found: &HeatSolution,
+        enclosures: EnclosuresOfHeat,
+    ) -> Option<Results> {
         let by = self.by?;
         let temperature: Vec<f64> = (found.temperature.iter().enumerate())
             .map(|(patch, &kelvin)| {
@@ -283,16 +364,11 @@ impl Exchange {
             })
             .collect();
         let outside = self.heat.outside.as_deref();
-        let of = MatrixTables {
-            patches: table,
-            rows,
-            names: [&self.manifest.objects, &self.manifest.materials],
-        };
+        let of = self.tables(table, rows);
         let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
-        let enclosures = self.enclosures.as_ref();
         let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
         Some(
-            Results::new(by, surfaces, balance, enclosures.map(|found| (found, of)))
+            Results::new(by, self.reading, surfaces, balance, enclosures)
                 .with_residual(residual)
                 .with_emissivities(self.of_scene),
         )

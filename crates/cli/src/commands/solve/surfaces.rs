@@ -5,9 +5,9 @@ use crate::report::{Listing, PendingFile, count, counted, percent, table};
 use crate::table::field;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat};
+use hemicube::analysis::surfaces::{ERROR_TOLD, EnclosureError, HeatBalance, HeatError, MatrixTables, SurfaceHeat};
 use hemicube::analysis::zones::GroupBy;
-use hemicube::solve::Enclosures;
+use hemicube::solve::{Enclosures, Reading};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -82,6 +82,70 @@ struct Enclosure {
     escaped: f64,
     /// Names of its objects, or of its materials where objects have none.
     names: Vec<String>,
+    /// Heat that flows in it, in W, what is not known of it, and that as a part.
+    heat: f64,
+    error: f64,
+    relative_error: f64,
+    /// The body of which least is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    worst: Option<Body>,
+}
+
+/// What is not known of the heat of a body.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Body {
+    name: String,
+    heat: f64,
+    error: f64,
+    relative_error: f64,
+}
+
+/// Enclosures of two patches or more, the largest first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct EnclosuresOfHeat {
+    enclosures: Vec<Enclosure>,
+    /// Patches that see no other.
+    alone: u64,
+}
+
+impl EnclosuresOfHeat {
+    /// With what is not known of their heat, and the names of bodies.
+    pub(super) fn new(
+        found: &Enclosures,
+        of: MatrixTables<'_>,
+        errors: &[EnclosureError],
+        shown: &dyn Fn(u32) -> String,
+    ) -> Self {
+        let (enclosures, alone) = enclosures_of(found, of, errors, shown);
+        Self { enclosures, alone }
+    }
+
+    /// The largest share of its heat that is not known of an enclosure or a body.
+    pub(super) fn share(&self) -> f64 {
+        self.enclosures.iter().map(Enclosure::share).fold(0.0, f64::max)
+    }
+
+    /// Enclosures, or bodies in them, of whose heat more than [`ERROR_TOLD`] is not known: names and errors.
+    pub(super) fn unsure(&self) -> impl Iterator<Item = (String, HeatError)> {
+        let unsure = self
+            .enclosures
+            .iter()
+            .enumerate()
+            .filter(|(_, of)| of.share() > ERROR_TOLD);
+        unsure.take(ENCLOSURES_SHOWN).map(|(at, of)| {
+            let enclosure = format!("enclosure {} ({})", at + 1, of.listed());
+            match &of.worst {
+                Some(body) if body.relative_error > of.relative_error => {
+                    let (heat, error) = (body.heat, body.error);
+                    (format!("{} in {enclosure}", body.name), HeatError { heat, error })
+                }
+                _ => {
+                    let (heat, error) = (of.heat, of.error);
+                    (enclosure, HeatError { heat, error })
+                }
+            }
+        })
+    }
 }
 
 /// Results by surface.
@@ -90,7 +154,10 @@ pub(super) struct Results {
     by: By,
     surfaces: Vec<SurfaceHeat>,
     balance: HeatBalance,
-    /// The balance's error as a part of the heat that flows.
+    reading: Reading,
+    /// What is not known of the heat of all enclosures, in W.
+    error: f64,
+    /// The largest part of its heat that is not known of an enclosure or a body in one.
     relative_error: f64,
     enclosures: Vec<Enclosure>,
     /// Patches that see no other.
@@ -106,18 +173,20 @@ pub(super) struct Results {
 impl Results {
     pub(super) fn new(
         by: By,
+        reading: Reading,
         surfaces: Vec<SurfaceHeat>,
         balance: HeatBalance,
-        found: Option<(&Enclosures, MatrixTables<'_>)>,
+        found: EnclosuresOfHeat,
     ) -> Self {
-        let (enclosures, alone) = found.map_or((Vec::new(), 0), |(found, of)| enclosures_of(found, of));
         Self {
             by,
             surfaces,
             balance,
-            relative_error: balance.relative_error(),
-            enclosures,
-            alone,
+            reading,
+            error: found.enclosures.iter().map(|of| of.error).sum(),
+            relative_error: found.share(),
+            enclosures: found.enclosures,
+            alone: found.alone,
             emissivities_of_scene: None,
             left: ROUNDING * balance.given_off.max(-balance.taken_up),
         }
@@ -227,7 +296,7 @@ impl Results {
             given_off,
             taken_up,
             surroundings,
-            error,
+            ..
         } = self.balance;
         if given_off.max(-taken_up).max(surroundings.abs()) <= self.left {
             return format!(
@@ -237,13 +306,16 @@ impl Results {
             );
         }
         format!(
-            "{} W given off, {} W taken up, {} W to the surroundings; error {} W, {} of it: A[i] F[i, j] is not A[j] \
-             F[j, i]",
+            "{} W given off, {} W taken up, {} W to the surroundings; error {} W, {} at most: {}",
             five(given_off),
             five(-taken_up),
             five(surroundings),
-            five(error),
-            percent(self.relative_error)
+            five(self.error),
+            percent(self.relative_error),
+            match self.reading {
+                Reading::Pairs => "rows do not sum to 1",
+                Reading::AsStored => "A[i] F[i, j] is not A[j] F[j, i]",
+            }
         )
     }
 
@@ -293,24 +365,53 @@ impl Results {
 }
 
 impl Enclosure {
-    fn text(&self) -> String {
+    /// The larger share of its own heat and of a body's that is not known.
+    fn share(&self) -> f64 {
+        let of_body = self.worst.as_ref().map_or(0.0, |body| body.relative_error);
+        self.relative_error.max(of_body)
+    }
+
+    /// Its first names.
+    fn listed(&self) -> String {
         let first: Vec<String> = self.names.iter().take(NAMES_SHOWN).map(|name| name_of(name)).collect();
         let more = self.names.len().saturating_sub(NAMES_SHOWN);
-        let names = match more {
+        match more {
             0 => first.join(", "),
             more => format!("{} and {} more", first.join(", "), count(more as u64)),
-        };
+        }
+    }
+
+    fn text(&self) -> String {
         let lost = if self.escaped > 0.0 {
             format!("{} of its view leaves the scene", percent(self.escaped))
         } else {
             "closed".to_owned()
         };
-        format!("{} of {names}; {lost}", counted(self.patches, "patch"))
+        let unsure = match &self.worst {
+            _ if self.heat == 0.0 => String::new(),
+            Some(body) if body.relative_error > self.relative_error => format!(
+                "; heat within {}, of {} within {}",
+                percent(self.relative_error),
+                body.name,
+                percent(body.relative_error)
+            ),
+            _ => format!("; heat within {}", percent(self.relative_error)),
+        };
+        format!(
+            "{} of {}; {lost}{unsure}",
+            counted(self.patches, "patch"),
+            self.listed()
+        )
     }
 }
 
 /// Enclosures of two patches or more, the largest first, and the number of patches alone.
-fn enclosures_of(found: &Enclosures, tables: MatrixTables<'_>) -> (Vec<Enclosure>, u64) {
+fn enclosures_of(
+    found: &Enclosures,
+    tables: MatrixTables<'_>,
+    errors: &[EnclosureError],
+    shown: &dyn Fn(u32) -> String,
+) -> (Vec<Enclosure>, u64) {
     let MatrixTables {
         patches: table,
         rows,
@@ -319,7 +420,7 @@ fn enclosures_of(found: &Enclosures, tables: MatrixTables<'_>) -> (Vec<Enclosure
     let [objects, materials] = names;
     let mut all = Vec::new();
     let mut alone = 0;
-    for patches in found.patches() {
+    for (patches, error) in found.patches().into_iter().zip(errors) {
         if patches.len() < 2 {
             alone += patches.len() as u64;
             continue;
@@ -344,6 +445,15 @@ fn enclosures_of(found: &Enclosures, tables: MatrixTables<'_>) -> (Vec<Enclosure
             area,
             escaped: if area > 0.0 { escaped / area } else { 0.0 },
             names,
+            heat: error.whole.heat,
+            error: error.whole.error,
+            relative_error: error.whole.share(),
+            worst: error.worst.map(|(body, error)| Body {
+                name: shown(body),
+                heat: error.heat,
+                error: error.error,
+                relative_error: error.share(),
+            }),
         });
     }
     all.sort_by_key(|enclosure| std::cmp::Reverse(enclosure.patches));
@@ -406,7 +516,13 @@ mod tests {
             surroundings: 2.0,
             ..HeatBalance::default()
         };
-        let results = Results::new(By::Object, (0..50).map(surface).collect(), balance, None);
+        let results = Results::new(
+            By::Object,
+            Reading::Pairs,
+            (0..50).map(surface).collect(),
+            balance,
+            EnclosuresOfHeat::default(),
+        );
         assert!(results.sum().contains("2.0000 W given off"), "{}", results.sum());
         let text = results.text();
         assert!(text.contains("wall, 49") && !text.contains("wall, 9 ") && text.contains("10 with less heat"));

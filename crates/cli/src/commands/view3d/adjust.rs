@@ -97,6 +97,7 @@ impl Exchange {
             of_patch: (0..).take(count).collect(),
             escaped: vec![0.0; count],
             returned: vec![0.0; count],
+            error: vec![0.0; count],
             handed_on: Vec::new(),
             factors: InMemory::dense(&dense),
         };

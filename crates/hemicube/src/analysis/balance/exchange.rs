@@ -9,7 +9,7 @@
 //! buffers: a file for each run would exceed the number of open files.
 
 use super::require_part;
-use crate::store::{Error, Precision, Result, Store};
+use crate::store::{Error, PatchTable, Precision, Result, Store};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -52,8 +52,9 @@ pub(crate) struct Survey {
 
 impl Survey {
     /// Reads every part, verifies its checksum, and refuses invalid form factors.
-    pub(crate) fn new(store: &Store) -> Result<Self> {
+    pub(crate) fn new(store: &Store, table: &PatchTable) -> Result<Self> {
         let manifest = store.manifest();
+        let most = table.most_of_itself(manifest.patch_kind(), manifest.has_portals());
         let order: Vec<u32> = store.processing_order()?.iter().map(|patch| patch.0).collect();
         let mut position = vec![u32::MAX; manifest.patch_count as usize];
         for (place, &patch) in (0..).zip(&order) {
@@ -79,9 +80,10 @@ impl Survey {
                 let mut before = -1;
                 for (&column, factor) in columns.iter().zip(factors) {
                     let exists = u32::try_from(column).is_ok_and(|column| column < manifest.patch_count);
-                    // Through portals a patch may see itself.
-                    let is_own = column == patch.cast_signed() && !manifest.has_portals();
-                    let is_factor = factor >= 0.0 && factor.is_finite() && (factor == 0.0 || !is_own);
+                    let is_own = column == patch.cast_signed();
+                    let is_factor = factor >= 0.0
+                        && factor.is_finite()
+                        && (!is_own || factor <= most.get(patch as usize).copied().unwrap_or(0.0));
                     if !exists || column <= before || !is_factor {
                         let reason = format!(
                             "has F[{patch}, {column}] = {factor} where none can be; `hemicube check` says more"

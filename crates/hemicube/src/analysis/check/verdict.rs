@@ -7,14 +7,16 @@
 //! ```
 //!
 //! Integrity and conservation fail. Quality fails where a bound was asked for, and is doubtful where a row's closure
-//! error is above the tolerance of the run ([`CLOSURE`] without one), more than [`BLOCKED`] of the view is blocked, or
-//! more than [`WARNED_ROWS`] of the rows look at backs with more than [`WARNED`] of their view.
+//! error or the reciprocity residual is above the tolerance of the run ([`LIMIT`] without one), more than [`BLOCKED`] of
+//! the view is blocked, or more than [`WARNED_ROWS`] of the rows look at backs with more than [`WARNED`] of their view.
 
 use super::{Check, CheckReport, Failure};
 use serde::Serialize;
 
-/// Closure error of a row from which on the quality is doubtful, where neither a bound nor a tolerance was asked for.
-pub const CLOSURE: f64 = 0.02;
+/// Closure error of a row, and reciprocity residual, from which on the quality is doubtful, where neither a bound nor a
+/// tolerance was asked for. A choice: less doubts what a default run has in rows near corners, more says nothing of
+/// factors that are a twentieth off.
+pub const LIMIT: f64 = 0.02;
 /// Mean blocked share from which on the quality is doubtful.
 pub const BLOCKED: f64 = 0.01;
 /// Blocked share of a row from which on `compute` warns of it.
@@ -72,6 +74,8 @@ pub enum State {
 pub enum Doubt {
     /// [`Quality::closure_rows`] is above 0.
     Closure,
+    /// The reciprocity residual is above [`Quality::reciprocity_limit`].
+    Reciprocity,
     /// [`CheckReport::blocked`] is above [`BLOCKED`].
     Blocked,
     /// [`Quality::warned_rows`] is above [`WARNED_ROWS`] of the rows.
@@ -128,10 +132,13 @@ impl Verdicts {
 /// The counts from which quality is judged, besides bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
-    /// Closure error from which on a row is doubtful: the bound asked for, the run's tolerance, or [`CLOSURE`].
+    /// Closure error from which on a row is doubtful: the bound asked for, the run's tolerance, or [`LIMIT`].
     pub closure_limit: f64,
     /// Rows beyond it.
     pub closure_rows: u64,
+    /// Reciprocity residual from which on the matrix is doubtful: the bound asked for, the run's tolerance, or
+    /// [`LIMIT`].
+    pub reciprocity_limit: f64,
     /// Rows of which more than [`WARNED`] is blocked.
     pub warned_rows: u64,
 }
@@ -152,9 +159,13 @@ fn by_failures(failures: &[Failure], subject: Subject) -> Verdict {
 
 fn quality(found: &CheckReport) -> Verdict {
     let mut verdict = by_failures(&found.failures, Subject::Quality);
-    let is_told = verdict.failed.contains(&Check::Closure);
+    let is_told = |check| found.failures.iter().any(|failure| failure.check == check);
+    let closes = found.quality.closure_rows == 0 || is_told(Check::Closure);
+    let is_reciprocal = found.reciprocity.residual <= found.quality.reciprocity_limit || is_told(Check::Reciprocity);
     verdict.doubts = [
-        (Doubt::Closure, found.quality.closure_rows > 0 && !is_told),
+        (Doubt::Closure, !closes),
+        // Also NaN.
+        (Doubt::Reciprocity, !is_reciprocal),
         (Doubt::Blocked, found.blocked > BLOCKED),
         (
             Doubt::Warned,
