@@ -4,7 +4,7 @@ use crate::args::SelectionSettings;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use hemicube::driver::compute::Selection;
-pub(crate) use hemicube::driver::selection::matches_glob;
+pub(crate) use hemicube::driver::selection::{matches_glob, matching_objects};
 use hemicube::driver::selection::{Names, NoMatch};
 use hemicube_scene::{Patches, Scene};
 

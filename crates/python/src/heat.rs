@@ -6,6 +6,7 @@ use crate::matrix::{Matrix, Use};
 use crate::numbers;
 use crate::scene::warn;
 use crate::solve::{KELVIN_MAX, Manner};
+use hemicube::groups::spread;
 use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface};
 use hemicube::analysis::zones::{GroupBy, reason_against};
 use hemicube::solve::{
@@ -114,6 +115,8 @@ pub(crate) fn properties_of(matrix: &Matrix, table: &PatchTable, given: &Bound<'
         object: &table.object,
         material: &table.material,
     };
+    let mut tables = tables;
+    spread(&mut tables, objects, materials, &matrix.further_names()).map_err(|tie| errors::input(tie.to_string()))?;
     Properties::new(named, None, tables).map_err(wrong)
 }
 

@@ -35,7 +35,7 @@ enum Kind {
 }
 
 /// Options that are keywords of `Scene`, `compute`, `sky`, `solve` or `Matrix.export` and the like.
-const KEYWORDS: [(&str, Kind); 36] = [
+const KEYWORDS: [(&str, Kind); 37] = [
     ("allow-large", Kind::Truth),
     ("backend", Kind::Text),
     ("backend-dir", Kind::Text),
@@ -44,6 +44,7 @@ const KEYWORDS: [(&str, Kind); 36] = [
     ("culling", Kind::Truth),
     ("emitters", Kind::Globs),
     ("engine", Kind::Text),
+    ("exclude", Kind::Globs),
     ("flip", Kind::Globs),
     ("keep-duplicates", Kind::Truth),
     ("min-factor", Kind::Number),

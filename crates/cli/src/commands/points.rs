@@ -88,7 +88,7 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR[:NAME]",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates",
             "specular", "symmetry", "sector", "periodic"],
         help_heading = "Heat"
     )]

@@ -65,7 +65,7 @@ pub(crate) struct Arguments {
         long,
         value_name = "DIR",
         group = "place",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
     )]
     pub(crate) store: Option<PathBuf>,
     /// The directory to write to

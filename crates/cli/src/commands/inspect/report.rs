@@ -5,6 +5,7 @@ use crate::enclosure;
 use crate::prepare::{Prepared, RepairCounts, axis_name};
 use crate::report::{BackendReport, Input};
 use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Enclosure, Finding, Precision, SceneStatistics, Unit};
+use hemicube::driver::settings::LossRecord;
 use hemicube::{InputPatch, Model};
 use hemicube_scene::survey::{Edges, Survey};
 use serde::Serialize;
@@ -19,8 +20,14 @@ pub(super) struct Report {
     pub(super) inputs: Vec<Input>,
     pub(super) scene: SceneReport,
     pub(super) repair: RepairCounts,
-    pub(super) findings: BTreeMap<String, u64>,
+    /// What was not taken as the file says.
+    pub(super) losses: Vec<LossRecord>,
+    /// What has no area, or is in the scene as it should be.
+    pub(super) noted: BTreeMap<String, u64>,
     pub(super) warnings: Vec<String>,
+    /// The coordinate reference system.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) crs: Option<String>,
     pub(super) patches: PatchReport,
     pub(super) octree: OctreeReport,
     pub(super) diagnosis: DiagnosisReport,
