@@ -150,6 +150,9 @@ pub struct Scene {
     pub further_names: BTreeMap<u32, Vec<String>>,
     /// The coordinate reference system that the file names, such as `https://www.opengis.net/def/crs/EPSG/0/7415`.
     pub crs: Option<String>,
+    /// True if the format says which way each surface faces, and its reader turned them so: one that sees backs is no
+    /// reason to turn others.
+    pub is_oriented: bool,
     /// The up axis prescribed by the format (glTF: y; AC3D: y), if it prescribes one.
     pub up: Option<Axis>,
     /// The length of one unit in metres prescribed by the format (glTF: 1), if it prescribes one.

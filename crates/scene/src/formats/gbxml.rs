@@ -108,6 +108,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         ledger: reader.ledger,
         up: Some(Axis::Z),
         metres_per_unit: Some(unit),
+        is_oriented: true,
         ..Scene::default()
     })
 }

@@ -125,6 +125,8 @@ pub(super) struct EnclosureReport {
     pub(super) sentences: Vec<String>,
     #[serde(skip)]
     pub(super) leaks_said: Vec<String>,
+    #[serde(skip)]
+    pub(super) is_oriented: bool,
 }
 
 #[derive(Serialize)]
@@ -247,6 +249,7 @@ pub(super) fn diagnosis_report(prepared: &Prepared, diagnosis: Diagnosis) -> Dia
 pub(super) fn enclosure_report(prepared: &Prepared, options: DiagnoseOptions) -> EnclosureReport {
     let enclosure = enclosure::of(prepared, &enclosure::objects(prepared), options);
     EnclosureReport {
+        is_oriented: prepared.scene.is_oriented,
         sentences: enclosure::of_windings(prepared, &enclosure.winding),
         leaks_said: enclosure
             .leaks

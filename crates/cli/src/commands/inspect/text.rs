@@ -277,7 +277,7 @@ fn enclosure_text(report: &EnclosureReport) -> String {
         }
     }
     let found = &report.enclosure;
-    if let Some(sentence) = enclosure::of_groups(found) {
+    if let Some(sentence) = enclosure::of_groups(found).filter(|_| !report.is_oriented) {
         text.push_str(&format!(
             "\nApart:\n  {}\n",
             wrapped(&sentence, WIDTH - 2).join("\n    ")

@@ -330,6 +330,7 @@ impl Building {
             ledger: self.ledger,
             up: Some(Axis::Z),
             metres_per_unit: Some(1.0),
+            is_oriented: true,
             ..Scene::default()
         })
     }
