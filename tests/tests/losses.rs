@@ -28,7 +28,10 @@ const FACES: [(&str, [usize; 4]); 6] = [
 ];
 
 fn joined<T: ToString>(all: impl IntoIterator<Item = T>, between: &str) -> String {
-    all.into_iter().map(|one| one.to_string()).collect::<Vec<_>>().join(between)
+    all.into_iter()
+        .map(|one| one.to_string())
+        .collect::<Vec<_>>()
+        .join(between)
 }
 
 fn lines(rows: impl IntoIterator<Item = String>) -> String {
@@ -40,7 +43,9 @@ fn vertices(between: &str) -> Vec<String> {
 }
 
 fn obj() -> String {
-    let faces = FACES.iter().map(|(name, face)| format!("o {name}\nf {}", joined(face.map(|at| at + 1), " ")));
+    let faces = FACES
+        .iter()
+        .map(|(name, face)| format!("o {name}\nf {}", joined(face.map(|at| at + 1), " ")));
     lines(vertices(" ").into_iter().map(|vertex| format!("v {vertex}"))) + &lines(faces)
 }
 
@@ -50,7 +55,11 @@ fn stl() -> String {
         format!("facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n")
     };
     let solid = |&(name, [a, b, c, d]): &(&str, [usize; 4])| {
-        format!("solid {name}\n{}{}endsolid {name}\n", facet([a, b, c]), facet([a, c, d]))
+        format!(
+            "solid {name}\n{}{}endsolid {name}\n",
+            facet([a, b, c]),
+            facet([a, c, d])
+        )
     };
     FACES.iter().map(solid).collect()
 }
@@ -63,8 +72,9 @@ fn ply() -> String {
 }
 
 fn ac3d() -> String {
-    let mut text = "AC3Db\nMATERIAL \"m\" rgb 1 1 1 amb 0 0 0 emis 0 0 0 spec 0 0 0 shi 0 trans 0\nOBJECT world\nkids 6\n"
-        .to_owned();
+    let mut text =
+        "AC3Db\nMATERIAL \"m\" rgb 1 1 1 amb 0 0 0 emis 0 0 0 spec 0 0 0 shi 0 trans 0\nOBJECT world\nkids 6\n"
+            .to_owned();
     for (name, face) in FACES {
         let corners = lines(face.iter().map(|&at| joined(CORNERS[at], " ")));
         let _ = write!(
@@ -78,9 +88,9 @@ fn ac3d() -> String {
 
 fn view3d() -> String {
     let corners = (1..).zip(vertices(" ")).map(|(at, vertex)| format!("V {at} {vertex}"));
-    let faces = (1..).zip(FACES).map(|(at, (name, face))| {
-        format!("S {at} {} 0 0 0.9 {name}", joined(face.map(|at| at + 1), " "))
-    });
+    let faces = (1..)
+        .zip(FACES)
+        .map(|(at, (name, face))| format!("S {at} {} 0 0 0.9 {name}", joined(face.map(|at| at + 1), " ")));
     format!("T cube\nF 3\n{}{}E\n", lines(corners), lines(faces))
 }
 
@@ -101,7 +111,9 @@ fn names_of_gmsh() -> String {
 
 fn gmsh2() -> String {
     let nodes = (1..).zip(vertices(" ")).map(|(at, vertex)| format!("{at} {vertex}"));
-    let faces = (1..).zip(FACES).map(|(at, (_, face))| format!("{at} 3 2 {at} {at} {}", joined(face.map(|at| at + 1), " ")));
+    let faces = (1..)
+        .zip(FACES)
+        .map(|(at, (_, face))| format!("{at} 3 2 {at} {at} {}", joined(face.map(|at| at + 1), " ")));
     format!(
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n{}$Nodes\n8\n{}$EndNodes\n$Elements\n6\n{}$EndElements\n",
         names_of_gmsh(),
@@ -112,7 +124,9 @@ fn gmsh2() -> String {
 
 fn gmsh4() -> String {
     let entities = (1..7).map(|at| format!("{at} 0 0 0 1 1 1 1 {at} 0"));
-    let faces = (1..).zip(FACES).map(|(at, (_, face))| format!("2 {at} 3 1\n{at} {}", joined(face.map(|at| at + 1), " ")));
+    let faces = (1..)
+        .zip(FACES)
+        .map(|(at, (_, face))| format!("2 {at} 3 1\n{at} {}", joined(face.map(|at| at + 1), " ")));
     format!(
         "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{}$Entities\n0 0 6 0\n{}$EndEntities\n$Nodes\n1 8 1 8\n2 1 0 8\n{}{}$EndNodes\n\
          $Elements\n6 6 1 6\n{}$EndElements\n",
@@ -150,7 +164,10 @@ fn vtu() -> String {
 fn abaqus() -> String {
     let nodes = (1..).zip(vertices(", ")).map(|(at, vertex)| format!("{at}, {vertex}"));
     let faces = (1..).zip(FACES).map(|(at, (name, face))| {
-        format!("*ELEMENT, TYPE=S4, ELSET={name}\n{at}, {}", joined(face.map(|at| at + 1), ", "))
+        format!(
+            "*ELEMENT, TYPE=S4, ELSET={name}\n{at}, {}",
+            joined(face.map(|at| at + 1), ", ")
+        )
     });
     format!("*NODE\n{}{}", lines(nodes), lines(faces))
 }
@@ -170,7 +187,10 @@ fn idf() -> String {
         let corners = joined(face.map(|at| joined(CORNERS[at], ",")), ", ");
         format!("BuildingSurface:Detailed,{name},{kind},C,Z,,Outdoors,,SunExposed,WindExposed,,4,{corners};")
     });
-    format!("GlobalGeometryRules,UpperLeftCorner,Counterclockwise,World;\nZone,Z,0,0,0,0,1,1;\n{}", lines(faces))
+    format!(
+        "GlobalGeometryRules,UpperLeftCorner,Counterclockwise,World;\nZone,Z,0,0,0,0,1,1;\n{}",
+        lines(faces)
+    )
 }
 
 fn epjson() -> String {
@@ -203,7 +223,10 @@ fn gbxml() -> String {
             joined(face.map(point), "")
         )
     });
-    format!("<gbXML lengthUnit=\"Meters\"><Campus>\n{}</Campus></gbXML>", lines(faces))
+    format!(
+        "<gbXML lengthUnit=\"Meters\"><Campus>\n{}</Campus></gbXML>",
+        lines(faces)
+    )
 }
 
 fn gltf() -> String {
@@ -238,120 +261,236 @@ fn formats() -> Vec<(&'static str, String, Vec<Change>)> {
         </CartesianPoint><CartesianPoint><Coordinate>1</Coordinate><Coordinate>1</Coordinate><Coordinate>0</Coordinate>\
         </CartesianPoint></PolyLoop></PlanarGeometry>";
     vec![
-        ("cube.obj", obj(), vec![
-            ("a face doubled from another corner", "", "o again\nf 2 3 4 1\n"),
-            ("a face doubled", "", "o again\nf 1 2 3 4\n"),
-            ("a statement renamed", "f 1 2", "fc 1 2"),
-            ("a face made a free-form surface", "f 1 2 3 4", "surf 0 1 0 1 1 2 3 4"),
-            ("a face that crosses itself", "f 1 2 3 4", "f 1 3 2 4"),
-            ("a face in another file", "f 1 2 3 4", "call floor.obj"),
-            ("a line joined with a blank after it", "v 0 1 0\n", "v 0 1 \\ \n 0\n"),
-        ]),
-        ("cube.stl", stl(), vec![
-            ("solids of one name", "solid ceiling", "solid floor"),
-            ("solids without names", "solid ceiling", "solid"),
-            ("a facet against its normal", "facet normal 0 0 0", "facet normal 0 0 -1"),
-            ("a keyword renamed", "outer loop", "outer lop\nfacet"),
-            ("a solid repeated", "", "solid more\nfacet normal 0 0 0\nouter loop\nvertex 1 0 0\nvertex 1 1 0\nvertex 0 0 \
-              0\nendloop\nendfacet\nendsolid\n"),
-        ]),
-        ("cube.ply", ply(), vec![
-            ("the faces' element renamed", "element face", "element faces"),
-            ("the faces' list renamed", "vertex_indices", "vertex_indexes"),
-            ("the faces made strips", "element face", "element tristrips"),
-            ("a face doubled", "4 1 5 6 2\n", "4 1 5 6 2\n4 6 2 1 5\n"),
-            ("a face that crosses itself", "4 0 1 2 3", "4 0 2 1 3"),
-        ]),
-        ("cube.ac", ac3d(), vec![
-            ("a surface of an unknown type", "SURF 0x0", "SURF 0x7"),
-            ("a surface without corners", "refs 4\n0 0 0\n1 0 0\n2 0 0\n3 0 0\n", ""),
-            ("surfaces promised", "numsurf 1", "numsurf 2"),
-            ("an object of an unknown type", "OBJECT poly", "OBJECT mesh"),
-            ("a keyword renamed", "SURF 0x0", "SURFACE 0x0"),
-        ]),
-        ("cube.vs3", view3d(), vec![
-            ("an element renamed", "S 6 ", "Z 6 "),
-            ("a surface doubled", "E\n", "S 7 2 3 4 1 0 0 0.9 again\nE\n"),
-        ]),
-        ("cube.city.json", city(), vec![
-            ("the geometry renamed", "\"geometry\"", "\"geometrie\""),
-            ("a geometry of another type", "MultiSurface", "MultiSurfaces"),
-            ("the transform left out", "\"transform\"", "\"transformed\""),
-            ("a surface doubled", "[[0,1,2,3]]", "[[0,1,2,3]],[[1,2,3,0]]"),
-            ("a surface that crosses itself", "[[0,1,2,3]]", "[[0,2,1,3]]"),
-        ]),
-        ("cube2.msh", gmsh2(), vec![
-            ("an element made a line", "1 3 2 1 1", "1 1 2 1 1"),
-            ("an order raised", "1 3 2 1 1", "1 16 2 1 1"),
-            ("an element in a second group", "$Elements\n6\n", "$Elements\n7\n7 3 2 2 1 1 2 3 4\n"),
-            ("an element doubled from another node", "$Elements\n6\n", "$Elements\n7\n7 3 2 1 1 2 3 4 1\n"),
-            ("the names renamed", "$PhysicalNames", "$PhysicalName"),
-            ("the nodes renamed", "$Nodes", "$Node"),
-            ("the elements renamed", "$Elements", "$Element"),
-        ]),
-        ("cube4.msh", gmsh4(), vec![
-            ("an element made triangles", "2 1 3 1\n", "2 1 2 1\n"),
-            ("a second group", "1 0 0 0 1 1 1 1 1 0", "1 0 0 0 1 1 1 2 1 2 0"),
-            ("a section renamed", "$Elements", "$Elemente"),
-        ]),
-        ("cube.vtk", vtk(), vec![
-            ("a cell made a line", "CELL_TYPES 6\n9", "CELL_TYPES 6\n3"),
-            ("a cell made a triangle", "CELL_TYPES 6\n9", "CELL_TYPES 6\n5"),
-            ("a cell made a tetrahedron", "CELL_TYPES 6\n9", "CELL_TYPES 6\n10"),
-            ("a cell made a pixel", "CELL_TYPES 6\n9", "CELL_TYPES 6\n8"),
-            ("a cell of an unknown type", "CELL_TYPES 6\n9", "CELL_TYPES 6\n60"),
-            ("an order raised", "CELL_TYPES 6\n9", "CELL_TYPES 6\n23"),
-        ]),
-        ("cube.vtu", vtu(), vec![
-            ("a cell made a polyhedron", ">9 9", ">42 9"),
-            ("a cell of Lagrange's form", ">9 9", ">70 9"),
-            ("the types renamed", "\"types\"", "\"type\""),
-            ("a cell made a line", ">9 9", ">3 9"),
-        ]),
-        ("cube.inp", abaqus(), vec![
-            ("an element type changed", "TYPE=S4, ELSET=floor", "TYPE=B31, ELSET=floor"),
-            ("an element type with fewer nodes", "TYPE=S4, ELSET=floor", "TYPE=S3, ELSET=floor"),
-            ("an order raised", "TYPE=S4, ELSET=floor", "TYPE=S8, ELSET=floor"),
-            ("a keyword renamed", "*ELEMENT", "*ELEMENTS"),
-            ("a set repeated", "", "*ELSET, ELSET=warm\n1, 2\n*ELSET, ELSET=lower\n1\n"),
-            ("an element doubled", "", "*ELEMENT, TYPE=S4, ELSET=again\n7, 2, 3, 4, 1\n"),
-        ]),
-        ("cube.idf", idf(), vec![
-            ("a class renamed", "BuildingSurface:Detailed,east", "BuildingSurface:Detail,east"),
-            ("a surface of air", "west,Wall,C", "west,Wall,Open"),
-            ("shading without corners", "", "Shading:Overhang,o,west,0,90,0,0,1;\n"),
-            ("a window against its wall", "", "FenestrationSurface:Detailed,w,Window,G,east,,,,,4,1,.2,.2,1,.2,.8,1,.8,.8,1,\
-              .8,.2;\n"),
-        ]),
-        ("cube.epJSON", epjson(), vec![
-            ("a class renamed", "BuildingSurface:Detailed", "BuildingSurface:Detailled"),
-            ("corners renamed", "\"vertices\"", "\"vertexes\""),
-        ]),
-        ("cube.gbxml", gbxml(), vec![
-            ("a surface renamed", "<Surface id=\"floor\"", "<Surfaces id=\"floor\""),
-            ("a second loop", "</PolyLoop></PlanarGeometry>", "</PolyLoop>SECOND"),
-            ("a surface listed for another room", "</Campus>", "AGAIN</Campus>"),
-        ]),
-        ("cube.gltf", gltf(), vec![
-            ("a mesh not placed", r#""mesh":0"#, r#""meshes":0"#),
-            ("half a triangle", r#""count":6"#, r#""count":5"#),
-            ("a mesh placed twice", r#"{"name":"floor","mesh":0}"#, r#"{"name":"floor","mesh":0,"extensions":
-              {"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":0}}}}"#),
-            ("positions renamed", "\"POSITION\":0", "\"POSITIONS\":0"),
-        ]),
+        (
+            "cube.obj",
+            obj(),
+            vec![
+                ("a face doubled from another corner", "", "o again\nf 2 3 4 1\n"),
+                ("a face doubled", "", "o again\nf 1 2 3 4\n"),
+                ("a statement renamed", "f 1 2", "fc 1 2"),
+                ("a face made a free-form surface", "f 1 2 3 4", "surf 0 1 0 1 1 2 3 4"),
+                ("a face that crosses itself", "f 1 2 3 4", "f 1 3 2 4"),
+                ("a face in another file", "f 1 2 3 4", "call floor.obj"),
+                ("a line joined with a blank after it", "v 0 1 0\n", "v 0 1 \\ \n 0\n"),
+            ],
+        ),
+        (
+            "cube.stl",
+            stl(),
+            vec![
+                ("solids of one name", "solid ceiling", "solid floor"),
+                ("solids without names", "solid ceiling", "solid"),
+                (
+                    "a facet against its normal",
+                    "facet normal 0 0 0",
+                    "facet normal 0 0 -1",
+                ),
+                ("a keyword renamed", "outer loop", "outer lop\nfacet"),
+                (
+                    "a solid repeated",
+                    "",
+                    "solid more\nfacet normal 0 0 0\nouter loop\nvertex 1 0 0\nvertex 1 1 0\nvertex 0 0 \
+              0\nendloop\nendfacet\nendsolid\n",
+                ),
+            ],
+        ),
+        (
+            "cube.ply",
+            ply(),
+            vec![
+                ("the faces' element renamed", "element face", "element faces"),
+                ("the faces' list renamed", "vertex_indices", "vertex_indexes"),
+                ("the faces made strips", "element face", "element tristrips"),
+                ("a face doubled", "4 1 5 6 2\n", "4 1 5 6 2\n4 6 2 1 5\n"),
+                ("a face that crosses itself", "4 0 1 2 3", "4 0 2 1 3"),
+            ],
+        ),
+        (
+            "cube.ac",
+            ac3d(),
+            vec![
+                ("a surface of an unknown type", "SURF 0x0", "SURF 0x7"),
+                ("a surface without corners", "refs 4\n0 0 0\n1 0 0\n2 0 0\n3 0 0\n", ""),
+                ("surfaces promised", "numsurf 1", "numsurf 2"),
+                ("an object of an unknown type", "OBJECT poly", "OBJECT mesh"),
+                ("a keyword renamed", "SURF 0x0", "SURFACE 0x0"),
+            ],
+        ),
+        (
+            "cube.vs3",
+            view3d(),
+            vec![
+                ("an element renamed", "S 6 ", "Z 6 "),
+                ("a surface doubled", "E\n", "S 7 2 3 4 1 0 0 0.9 again\nE\n"),
+            ],
+        ),
+        (
+            "cube.city.json",
+            city(),
+            vec![
+                ("the geometry renamed", "\"geometry\"", "\"geometrie\""),
+                ("a geometry of another type", "MultiSurface", "MultiSurfaces"),
+                ("the transform left out", "\"transform\"", "\"transformed\""),
+                ("a surface doubled", "[[0,1,2,3]]", "[[0,1,2,3]],[[1,2,3,0]]"),
+                ("a surface that crosses itself", "[[0,1,2,3]]", "[[0,2,1,3]]"),
+            ],
+        ),
+        (
+            "cube2.msh",
+            gmsh2(),
+            vec![
+                ("an element made a line", "1 3 2 1 1", "1 1 2 1 1"),
+                ("an order raised", "1 3 2 1 1", "1 16 2 1 1"),
+                (
+                    "an element in a second group",
+                    "$Elements\n6\n",
+                    "$Elements\n7\n7 3 2 2 1 1 2 3 4\n",
+                ),
+                (
+                    "an element doubled from another node",
+                    "$Elements\n6\n",
+                    "$Elements\n7\n7 3 2 1 1 2 3 4 1\n",
+                ),
+                ("the names renamed", "$PhysicalNames", "$PhysicalName"),
+                ("the nodes renamed", "$Nodes", "$Node"),
+                ("the elements renamed", "$Elements", "$Element"),
+            ],
+        ),
+        (
+            "cube4.msh",
+            gmsh4(),
+            vec![
+                ("an element made triangles", "2 1 3 1\n", "2 1 2 1\n"),
+                ("a second group", "1 0 0 0 1 1 1 1 1 0", "1 0 0 0 1 1 1 2 1 2 0"),
+                ("a section renamed", "$Elements", "$Elemente"),
+            ],
+        ),
+        (
+            "cube.vtk",
+            vtk(),
+            vec![
+                ("a cell made a line", "CELL_TYPES 6\n9", "CELL_TYPES 6\n3"),
+                ("a cell made a triangle", "CELL_TYPES 6\n9", "CELL_TYPES 6\n5"),
+                ("a cell made a tetrahedron", "CELL_TYPES 6\n9", "CELL_TYPES 6\n10"),
+                ("a cell made a pixel", "CELL_TYPES 6\n9", "CELL_TYPES 6\n8"),
+                ("a cell of an unknown type", "CELL_TYPES 6\n9", "CELL_TYPES 6\n60"),
+                ("an order raised", "CELL_TYPES 6\n9", "CELL_TYPES 6\n23"),
+            ],
+        ),
+        (
+            "cube.vtu",
+            vtu(),
+            vec![
+                ("a cell made a polyhedron", ">9 9", ">42 9"),
+                ("a cell of Lagrange's form", ">9 9", ">70 9"),
+                ("the types renamed", "\"types\"", "\"type\""),
+                ("a cell made a line", ">9 9", ">3 9"),
+            ],
+        ),
+        (
+            "cube.inp",
+            abaqus(),
+            vec![
+                (
+                    "an element type changed",
+                    "TYPE=S4, ELSET=floor",
+                    "TYPE=B31, ELSET=floor",
+                ),
+                (
+                    "an element type with fewer nodes",
+                    "TYPE=S4, ELSET=floor",
+                    "TYPE=S3, ELSET=floor",
+                ),
+                ("an order raised", "TYPE=S4, ELSET=floor", "TYPE=S8, ELSET=floor"),
+                ("a keyword renamed", "*ELEMENT", "*ELEMENTS"),
+                (
+                    "a set repeated",
+                    "",
+                    "*ELSET, ELSET=warm\n1, 2\n*ELSET, ELSET=lower\n1\n",
+                ),
+                (
+                    "an element doubled",
+                    "",
+                    "*ELEMENT, TYPE=S4, ELSET=again\n7, 2, 3, 4, 1\n",
+                ),
+            ],
+        ),
+        (
+            "cube.idf",
+            idf(),
+            vec![
+                (
+                    "a class renamed",
+                    "BuildingSurface:Detailed,east",
+                    "BuildingSurface:Detail,east",
+                ),
+                ("a surface of air", "west,Wall,C", "west,Wall,Open"),
+                ("shading without corners", "", "Shading:Overhang,o,west,0,90,0,0,1;\n"),
+                (
+                    "a window against its wall",
+                    "",
+                    "FenestrationSurface:Detailed,w,Window,G,east,,,,,4,1,.2,.2,1,.2,.8,1,.8,.8,1,\
+              .8,.2;\n",
+                ),
+            ],
+        ),
+        (
+            "cube.epJSON",
+            epjson(),
+            vec![
+                (
+                    "a class renamed",
+                    "BuildingSurface:Detailed",
+                    "BuildingSurface:Detailled",
+                ),
+                ("corners renamed", "\"vertices\"", "\"vertexes\""),
+            ],
+        ),
+        (
+            "cube.gbxml",
+            gbxml(),
+            vec![
+                ("a surface renamed", "<Surface id=\"floor\"", "<Surfaces id=\"floor\""),
+                ("a second loop", "</PolyLoop></PlanarGeometry>", "</PolyLoop>SECOND"),
+                ("a surface listed for another room", "</Campus>", "AGAIN</Campus>"),
+            ],
+        ),
+        (
+            "cube.gltf",
+            gltf(),
+            vec![
+                ("a mesh not placed", r#""mesh":0"#, r#""meshes":0"#),
+                ("half a triangle", r#""count":6"#, r#""count":5"#),
+                (
+                    "a mesh placed twice",
+                    r#"{"name":"floor","mesh":0}"#,
+                    r#"{"name":"floor","mesh":0,"extensions":
+              {"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":0}}}}"#,
+                ),
+                ("positions renamed", "\"POSITION\":0", "\"POSITIONS\":0"),
+            ],
+        ),
     ]
     .into_iter()
     .map(|(name, text, changes)| {
         let changes = changes.into_iter().map(|(what, from, to)| match to {
             "</PolyLoop>SECOND" => (what, from, &*format!("</PolyLoop>{quad}").leak()),
             "AGAIN</Campus>" => {
-                let floor = text.lines().find(|line| line.contains("id=\"floor\"")).expect("a floor");
+                let floor = text
+                    .lines()
+                    .find(|line| line.contains("id=\"floor\""))
+                    .expect("a floor");
                 // From another corner: the first point goes to the end.
                 let begin = floor.find("<CartesianPoint>").expect("a point");
-                let end = floor[begin..].find("</CartesianPoint>").expect("its end") + begin + "</CartesianPoint>".len();
+                let end =
+                    floor[begin..].find("</CartesianPoint>").expect("its end") + begin + "</CartesianPoint>".len();
                 let turned = floor[..begin].to_owned()
                     + &floor[end..].replace("</PolyLoop>", &format!("{}</PolyLoop>", &floor[begin..end]));
-                (what, from, &*format!("{}\n</Campus>", turned.replace("id=\"floor\"", "id=\"again\"")).leak())
+                (
+                    what,
+                    from,
+                    &*format!("{}\n</Campus>", turned.replace("id=\"floor\"", "id=\"again\"")).leak(),
+                )
             }
             _ => (what, from, to),
         });
@@ -371,7 +510,11 @@ fn is_cube(scene: &Scene) -> bool {
         for axis in 0..3 {
             for (side, place) in [(0, 0.0), (1, 1.0)] {
                 let inward = if side == 0 { 1.0 } else { -1.0 };
-                if triangle.corners.iter().all(|corner| (corner[axis] - place).abs() < 1e-9) {
+                if triangle
+                    .corners
+                    .iter()
+                    .all(|corner| (corner[axis] - place).abs() < 1e-9)
+                {
                     areas[2 * axis + side] += inward * area[axis];
                 }
             }
@@ -392,11 +535,21 @@ fn sixty_changed_files_give_the_right_scene_or_say_what_was_lost() {
             Some(scene)
         };
         let whole = scene(name).unwrap_or_else(|| panic!("{name} is not read"));
-        assert!(is_cube(&whole) && whole.ledger.losses().count() == 0, "{name}: {}", whole.ledger);
-        let unchanged = place.line(&format!("compute {name} -o whole --overwrite --no-progress")).is(0);
+        assert!(
+            is_cube(&whole) && whole.ledger.losses().count() == 0,
+            "{name}: {}",
+            whole.ledger
+        );
+        let unchanged = place
+            .line(&format!("compute {name} -o whole --overwrite --no-progress"))
+            .is(0);
         assert!(!unchanged.err.contains("warning"), "{name}: {}", unchanged.err);
         for (what, from, to) in changes {
-            let changed = if from.is_empty() { text.clone() + to } else { text.replacen(from, to, 1) };
+            let changed = if from.is_empty() {
+                text.clone() + to
+            } else {
+                text.replacen(from, to, 1)
+            };
             assert_ne!(changed, text, "{name}: {what}");
             place.write(name, &changed);
             let ran = place.line(&format!("compute {name} -o m --overwrite --no-progress"));
@@ -413,7 +566,10 @@ fn sixty_changed_files_give_the_right_scene_or_say_what_was_lost() {
         }
     }
     let count = right + refused + warned + silent.len();
-    println!("{count} changed files: {right} right, {refused} refused, {warned} warned of, {} silent", silent.len());
+    println!(
+        "{count} changed files: {right} right, {refused} refused, {warned} warned of, {} silent",
+        silent.len()
+    );
     assert!(count >= 60, "{count}");
     assert!(silent.is_empty(), "silent losses: {silent:#?}");
 }
@@ -429,7 +585,9 @@ fn a_trial_that_finds_no_loss_would_be_seen() {
 }
 
 fn compute(place: &Place, scene: &str) -> Ran {
-    place.line(&format!("compute {scene} -o m --overwrite --no-progress")).is(0)
+    place
+        .line(&format!("compute {scene} -o m --overwrite --no-progress"))
+        .is(0)
 }
 
 #[test]
@@ -445,7 +603,10 @@ fn losses_are_said_by_each_command_kept_with_the_matrix_and_repeated_by_check() 
     let checked = place.line("check m").is(0);
     assert!(checked.out.contains(words[0]), "{}", checked.out);
     let data = place.line("check m --json").json();
-    assert_eq!((&data["losses"][0]["count"], &data["losses"][0]["area"]), (&Value::from(1), &Value::from(1.0)));
+    assert_eq!(
+        (&data["losses"][0]["count"], &data["losses"][0]["area"]),
+        (&Value::from(1), &Value::from(1.0))
+    );
 }
 
 #[test]
@@ -454,15 +615,25 @@ fn surfaces_in_several_groups_have_the_properties_of_each() {
     // All but the floor in a group of their own, and in one more.
     let mut text = gmsh4().replace("$PhysicalNames\n6\n", "$PhysicalNames\n7\n2 7 \"insulated\"\n");
     for at in 2..7 {
-        text = text.replace(&format!("{at} 0 0 0 1 1 1 1 {at} 0"), &format!("{at} 0 0 0 1 1 1 2 {at} 7 0"));
+        text = text.replace(
+            &format!("{at} 0 0 0 1 1 1 1 {at} 0"),
+            &format!("{at} 0 0 0 1 1 1 2 {at} 7 0"),
+        );
     }
     place.write("cube4.msh", &text);
     // Version 2 lists an element once for each of its groups.
-    let mut lines: Vec<String> = gmsh2().replace("$PhysicalNames\n6\n", "$PhysicalNames\n7\n2 7 \"insulated\"\n")
-        .replace("$Elements\n6\n", "$Elements\n11\n").lines().map(str::to_owned).collect();
+    let mut lines: Vec<String> = gmsh2()
+        .replace("$PhysicalNames\n6\n", "$PhysicalNames\n7\n2 7 \"insulated\"\n")
+        .replace("$Elements\n6\n", "$Elements\n11\n")
+        .lines()
+        .map(str::to_owned)
+        .collect();
     let end = lines.len() - 1;
     for at in 2..7 {
-        let element = lines.iter().find(|line| line.starts_with(&format!("{at} 3 2 {at} "))).expect("an element");
+        let element = lines
+            .iter()
+            .find(|line| line.starts_with(&format!("{at} 3 2 {at} ")))
+            .expect("an element");
         let copy = element.replacen(&format!("{at} 3 2 {at}"), &format!("{} 3 2 7", at + 5), 1);
         lines.insert(end, copy);
     }
@@ -476,17 +647,30 @@ fn surfaces_in_several_groups_have_the_properties_of_each() {
         assert!(!ran.err.contains("warning"), "{name}: {}", ran.err);
         let solved = place.line("solve m --thermal --materials m.toml --by object").is(0);
         let heat = |object: &str| -> f64 {
-            let row = solved.out.lines().chain(solved.err.lines()).find(|line| line.starts_with(object));
+            let row = solved
+                .out
+                .lines()
+                .chain(solved.err.lines())
+                .find(|line| line.starts_with(object));
             let row = row.unwrap_or_else(|| panic!("{object} in {}{}", solved.out, solved.err));
-            row.split_whitespace().nth(3).and_then(|word| word.parse().ok()).unwrap_or_else(|| panic!("{row}"))
+            row.split_whitespace()
+                .nth(3)
+                .and_then(|word| word.parse().ok())
+                .unwrap_or_else(|| panic!("{row}"))
         };
         for object in ["floor", "ceiling", "west"] {
             assert!(heat(object).abs() < 1e-6, "{name}: {object}: {}", solved.out);
         }
-        place.line(&format!("compute {name} -o e --overwrite --no-progress --emitters insulated")).is(0);
+        place
+            .line(&format!(
+                "compute {name} -o e --overwrite --no-progress --emitters insulated"
+            ))
+            .is(0);
         let rows = place.line("check e --json").json()["rows"].clone();
         assert_eq!(rows, Value::from(10), "{name}");
-        place.line(&format!("compute {name} -o e --overwrite --exclude insulated")).is(0);
+        place
+            .line(&format!("compute {name} -o e --overwrite --exclude insulated"))
+            .is(0);
     }
 }
 
@@ -505,7 +689,16 @@ fn can(sectors: usize) -> String {
     };
     for sector in 0..sectors {
         let [a, m, b] = [2 * sector, 2 * sector + 1, 2 * sector + 2];
-        let mut cap = |z: f64| [node(0.0, a, z), node(1.0, a, z), node(1.0, b, z), node(0.5, a, z), node(1.0, m, z), node(0.5, b, z)];
+        let mut cap = |z: f64| {
+            [
+                node(0.0, a, z),
+                node(1.0, a, z),
+                node(1.0, b, z),
+                node(0.5, a, z),
+                node(1.0, m, z),
+                node(0.5, b, z),
+            ]
+        };
         let [low, high] = [cap(0.0), cap(2.0)];
         elements.push(format!("9 2 1 1 {}", joined(low, " ")));
         let [c, p, q, cp, pq, qc] = high;
@@ -514,8 +707,13 @@ fn can(sectors: usize) -> String {
         let mantle = [low[1], high[1], high[2], low[2], left, high[4], right, low[4]];
         elements.push(format!("16 2 3 3 {}", joined(mantle, " ")));
     }
-    let nodes = (1..).zip(&nodes).map(|(at, node)| format!("{at} {}", joined(node, " ")));
-    let elements: Vec<String> = (1..).zip(elements).map(|(at, element): (usize, _)| format!("{at} {element}")).collect();
+    let nodes = (1..)
+        .zip(&nodes)
+        .map(|(at, node)| format!("{at} {}", joined(node, " ")));
+    let elements: Vec<String> = (1..)
+        .zip(elements)
+        .map(|(at, element): (usize, _)| format!("{at} {element}"))
+        .collect();
     let nodes: Vec<String> = nodes.collect();
     format!(
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n3\n2 1 \"bottom\"\n2 2 \"top\"\n2 3 \"mantle\"\n\
@@ -535,7 +733,11 @@ fn curved_elements_of_second_order_have_the_area_of_their_nodes() {
         let mut scene = hemicube_scene::load(&place.path("can.msh"), ReadOptions::default()).expect("a mesh");
         repair(&mut scene, RepairOptions::default());
         assert_eq!(scene.ledger.losses().count(), 0, "{}", scene.ledger);
-        let of = |t: &hemicube_scene::Triangle| 0.5 * (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).length();
+        let of = |t: &hemicube_scene::Triangle| {
+            0.5 * (t.corners[1] - t.corners[0])
+                .cross(t.corners[2] - t.corners[0])
+                .length()
+        };
         scene.triangles.iter().map(of).sum::<f64>()
     };
     for sectors in [4, 6, 8] {
@@ -543,11 +745,17 @@ fn curved_elements_of_second_order_have_the_area_of_their_nodes() {
         let sides = 2.0 * sectors as f64;
         let half = std::f64::consts::PI / sides;
         let exact = 2.0 * sides * half.sin() * half.cos() + 2.0 * sides * 2.0 * half.sin();
-        assert!((area(sectors) - exact).abs() < 1e-9, "{sectors}: {} for {exact}", area(sectors));
+        assert!(
+            (area(sectors) - exact).abs() < 1e-9,
+            "{sectors}: {} for {exact}",
+            area(sectors)
+        );
     }
     // Bottom to top of the prism of sixteen sides, by its own nodes; the can's own factor is 0.171573.
     place.write("can.msh", can(8));
-    place.line("compute can.msh -o m --overwrite --tolerance 0.1% --patches object").is(0);
+    place
+        .line("compute can.msh -o m --overwrite --tolerance 0.1% --patches object")
+        .is(0);
     place.line("export m f.csv --by object --overwrite").is(0);
     let text = std::fs::read_to_string(place.path("f.csv")).expect("a table");
     assert!(text.contains("0.168"), "{text}");
@@ -557,14 +765,20 @@ fn curved_elements_of_second_order_have_the_area_of_their_nodes() {
 fn a_reader_that_turned_surfaces_is_not_told_to_turn_them_again() {
     let place = Place::new();
     // A zone under an overhang, which sees its outside.
-    place.write("zone.idf", idf() + "Shading:Building:Detailed,roof,,4,-1,-1,1.2,2,-1,1.2,2,2,1.2,-1,2,1.2;\n");
+    place.write(
+        "zone.idf",
+        idf() + "Shading:Building:Detailed,roof,,4,-1,-1,1.2,2,-1,1.2,2,2,1.2,-1,2,1.2;\n",
+    );
     let ran = compute(&place, "zone.idf");
     assert!(!ran.err.contains("--flip"), "{}", ran.err);
     let ran = place.line("inspect zone.idf").is(0);
     assert!(!ran.out.contains("--flip"), "{}", ran.out);
     // The same box of an OBJ, wound outwards, is told of.
     let outward = FACES.iter().fold(obj(), |text, (_, [a, b, c, d])| {
-        text.replace(&joined([a + 1, b + 1, c + 1, d + 1], " "), &joined([d + 1, c + 1, b + 1, a + 1], " "))
+        text.replace(
+            &joined([a + 1, b + 1, c + 1, d + 1], " "),
+            &joined([d + 1, c + 1, b + 1, a + 1], " "),
+        )
     });
     place.write("box.obj", outward);
     assert!(compute(&place, "box.obj").err.contains("--flip all"));
@@ -573,7 +787,10 @@ fn a_reader_that_turned_surfaces_is_not_told_to_turn_them_again() {
 #[test]
 fn partial_overlap_in_a_plane_is_a_warning_of_compute() {
     let place = Place::new();
-    place.write("cube.obj", obj() + "o mat\nv 0.2 0.2 0\nv 0.7 0.2 0\nv 0.7 0.6 0\nv 0.2 0.6 0\nf -4 -3 -2 -1\n");
+    place.write(
+        "cube.obj",
+        obj() + "o mat\nv 0.2 0.2 0\nv 0.7 0.2 0\nv 0.7 0.6 0\nv 0.2 0.6 0\nf -4 -3 -2 -1\n",
+    );
     compute(&place, "cube.obj").says(&["cover each other in one plane", "`mat`"]);
     place.write("cube.obj", obj());
     assert!(!compute(&place, "cube.obj").err.contains("cover each other"));
@@ -583,10 +800,19 @@ fn partial_overlap_in_a_plane_is_a_warning_of_compute() {
 fn a_city_wound_inside_out_is_told_of_under_the_sky() {
     let place = Place::new();
     let mut text = "v -50 -50 0\nv 50 -50 0\nv 50 50 0\nv -50 50 0\no ground\nf 1 2 3 4\n".to_owned();
-    for (at, [x, y]) in [[-20, -20], [0, -20], [20, -20], [-20, 10], [0, 10], [20, 10]].into_iter().enumerate() {
+    for (at, [x, y]) in [[-20, -20], [0, -20], [20, -20], [-20, 10], [0, 10], [20, 10]]
+        .into_iter()
+        .enumerate()
+    {
         let _ = writeln!(text, "o house{at}");
         for [u, v, w] in CORNERS {
-            let _ = writeln!(text, "v {} {} {}", f64::from(x) + 8.0 * u, f64::from(y) + 8.0 * v, 12.0 * w);
+            let _ = writeln!(
+                text,
+                "v {} {} {}",
+                f64::from(x) + 8.0 * u,
+                f64::from(y) + 8.0 * v,
+                12.0 * w
+            );
         }
         for (name, face) in FACES {
             // The faces of `FACES` see the inside. Houses stand on the ground without a floor.
@@ -598,7 +824,9 @@ fn a_city_wound_inside_out_is_told_of_under_the_sky() {
     place.write("city.obj", &text);
     place.write("points.txt", "0 0 1 0 0 1\n");
     place.line("sky city.obj --up z").says(&["face inwards", "--flip"]);
-    place.line("points city.obj points.txt --up z").says(&["face inwards", "--flip"]);
+    place
+        .line("points city.obj points.txt --up z")
+        .says(&["face inwards", "--flip"]);
 }
 
 #[test]
@@ -607,9 +835,17 @@ fn millimetres_are_asked_about_where_heat_is() {
     place.write("m.toml", "[default]\nemissivity = 0.9\ntemperature = 300\n");
     let scaled = |by: f64| {
         let vertices = CORNERS.map(|corner| format!("v {}", joined(corner.map(|x| by * x), " ")));
-        lines(vertices) + &obj().lines().filter(|line| !line.starts_with('v')).fold(String::new(), |t, l| t + l + "\n")
+        lines(vertices)
+            + &obj()
+                .lines()
+                .filter(|line| !line.starts_with('v'))
+                .fold(String::new(), |t, l| t + l + "\n")
     };
-    for (name, by, asked) in [("part.obj", 4000.0, true), ("part_mm.obj", 400.0, true), ("room.obj", 4.0, false)] {
+    for (name, by, asked) in [
+        ("part.obj", 4000.0, true),
+        ("part_mm.obj", 400.0, true),
+        ("room.obj", 4.0, false),
+    ] {
         place.write(name, scaled(by));
         compute(&place, name);
         let ran = place.line("solve m --thermal --materials m.toml --ambient 300").is(0);

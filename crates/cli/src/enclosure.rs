@@ -133,10 +133,19 @@ pub(crate) fn of_overlaps(prepared: &Prepared, threads: usize) -> Option<String>
     let name = |patch: hemicube::InputPatch| {
         let triangle = prepared.scene.triangles.get(patches.triangle(patch));
         let object = triangle.and_then(|triangle| prepared.scene.objects.get(triangle.object as usize));
-        object.filter(|name| !name.is_empty()).map(|name| format!("`{}`", shown(name)))
+        object
+            .filter(|name| !name.is_empty())
+            .map(|name| format!("`{}`", shown(name)))
     };
-    let names: Vec<String> = std::iter::once(first.patch).chain(first.other).filter_map(name).collect();
-    let of = if names.is_empty() { String::new() } else { format!(" of {}", names.join(" and ")) };
+    let names: Vec<String> = std::iter::once(first.patch)
+        .chain(first.other)
+        .filter_map(name)
+        .collect();
+    let of = if names.is_empty() {
+        String::new()
+    } else {
+        format!(" of {}", names.join(" and "))
+    };
     let [x, y, z] = first.at.to_array().map(figures);
     Some(format!(
         "triangles cover each other in one plane, {} of common area, {} of the scene's (the worst{of} at {x} {y} {z}): \

@@ -54,11 +54,15 @@ pub fn spread(
     let mut used: BTreeSet<&String> = BTreeSet::new();
     let mut made: BTreeMap<String, Entry> = BTreeMap::new();
     for (&object, names) in further {
-        let Some(own) = objects.get(object as usize) else { continue };
+        let Some(own) = objects.get(object as usize) else {
+            continue;
+        };
         let mut entry: Option<Entry> = patterns.of(own)?.map(|(_, entry)| entry.clone());
         let mut changed = false;
         for name in names {
-            let Some((key, other)) = patterns.of(name)? else { continue };
+            let Some((key, other)) = patterns.of(name)? else {
+                continue;
+            };
             used.insert(key);
             changed = true;
             fill(entry.get_or_insert_with(Entry::default), other);

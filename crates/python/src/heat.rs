@@ -6,9 +6,9 @@ use crate::matrix::{Matrix, Use};
 use crate::numbers;
 use crate::scene::warn;
 use crate::solve::{KELVIN_MAX, Manner};
-use hemicube::groups::spread;
 use hemicube::analysis::surfaces::{HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface};
 use hemicube::analysis::zones::{GroupBy, reason_against};
+use hemicube::groups::spread;
 use hemicube::solve::{
     Condition, Factors, Heat, HeatSolution, Named, Properties, PropertyError, Solution, SolveOptions, Tables,
     Temperature, Undetermined, enclosures, open_share, question_of_cold, solve_heat,

@@ -10,7 +10,9 @@ use hemicube::driver::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, repair};
-use hemicube_scene::{Axis, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle};
+use hemicube_scene::{
+    Axis, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle,
+};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
@@ -107,7 +109,10 @@ impl Scene {
                 "exclude" => "no object and no material",
                 _ => "no object with one-sided triangles",
             };
-            errors::input(format!("`{}`: `{}` matches {what}; {}", error.list, error.glob, error.there))
+            errors::input(format!(
+                "`{}`: `{}` matches {what}; {}",
+                error.list, error.glob, error.there
+            ))
         })?;
         for sentence in input.ledger.sentences() {
             warn(py, &sentence)?;
@@ -484,7 +489,14 @@ impl Scene {
         state.set_item("exclude", settings.exclude.clone())?;
         let losses = input.ledger.losses().map(|(what, loss)| {
             let fate = loss.fate.name().to_owned();
-            (fate, what.to_owned(), loss.count, loss.area, loss.first.clone(), loss.next.clone())
+            (
+                fate,
+                what.to_owned(),
+                loss.count,
+                loss.area,
+                loss.first.clone(),
+                loss.next.clone(),
+            )
         });
         state.set_item("losses", losses.collect::<Vec<_>>())?;
         state.set_item("warnings", input.ledger.warnings.clone())?;
@@ -622,10 +634,13 @@ pub(crate) fn scene_of(py: Python<'_>, state: State<'_>) -> PyResult<Scene> {
     };
     scene.ledger.warnings = state.warnings;
     for (fate, what, count, area, first, next) in state.losses {
-        let fate = Fate::of_name(&fate).ok_or_else(|| errors::content(format!("a pickled scene has the loss `{fate}`")))?;
+        let fate =
+            Fate::of_name(&fate).ok_or_else(|| errors::content(format!("a pickled scene has the loss `{fate}`")))?;
         let (what, next) = (what.as_str(), next.unwrap_or_default());
         let next = next.as_str();
-        scene.ledger.lose(Kind { fate, what, next }, count, area, || first.unwrap_or_default());
+        scene
+            .ledger
+            .lose(Kind { fate, what, next }, count, area, || first.unwrap_or_default());
     }
     let keep_duplicates = settings.keep_duplicates;
     let repaired = py.detach(|| repair(&mut scene, RepairOptions { keep_duplicates }));

@@ -86,9 +86,17 @@ pub fn repair(scene: &mut Scene, options: RepairOptions) -> RepairReport {
     } = scene;
     let place = |triangle: &Triangle| {
         let object = objects.get(triangle.object as usize).map_or("", String::as_str);
-        let name: String = object.chars().filter(|&c| !crate::is_unseen(c)).take(NAME_SHOWN).collect();
+        let name: String = object
+            .chars()
+            .filter(|&c| !crate::is_unseen(c))
+            .take(NAME_SHOWN)
+            .collect();
         let face = triangle.face;
-        if name.is_empty() { format!("face {face}") } else { format!("`{name}`, face {face}") }
+        if name.is_empty() {
+            format!("face {face}")
+        } else {
+            format!("`{name}`, face {face}")
+        }
     };
     triangles.retain(|triangle| {
         if !triangle.corners.iter().all(|corner| corner.is_finite()) {
@@ -203,7 +211,9 @@ fn settle_faces(
                 dropped[face.triangles.clone()].fill(true);
                 if first.two_sided && (owners[front].is_none() || owners[back].is_none()) {
                     owners = [Some(earlier); 2];
-                    triangles[of_earlier].iter_mut().for_each(|triangle| triangle.two_sided = true);
+                    triangles[of_earlier]
+                        .iter_mut()
+                        .for_each(|triangle| triangle.two_sided = true);
                 }
                 continue;
             }
@@ -211,7 +221,10 @@ fn settle_faces(
             report.reversed_faces += 1;
             let turned = triangles[of_earlier].iter().map(|triangle| {
                 let [a, b, c] = triangle.corners;
-                Triangle { corners: [a, c, b], ..first }
+                Triangle {
+                    corners: [a, c, b],
+                    ..first
+                }
             });
             anew.insert(face.triangles.start, (face.triangles.len(), turned.collect()));
         }

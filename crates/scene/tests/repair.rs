@@ -565,7 +565,10 @@ fn a_polygon_written_twice_is_one_whatever_corner_it_begins_at() {
     // Another polygon of the same corners, and one that covers half of it, are none.
     for again in ["1 2 4", "1 5 3 4", "1 2 4 3"] {
         let (scene, _) = with_floor(again);
-        assert!(scene.ledger.losses().all(|(what, _)| !what.contains("very place")), "{again}");
+        assert!(
+            scene.ledger.losses().all(|(what, _)| !what.contains("very place")),
+            "{again}"
+        );
     }
 }
 
@@ -581,7 +584,10 @@ fn a_polygon_written_back_to_back_is_cut_as_the_first() {
                 corners.sort_unstable();
                 corners
             };
-            assert!(triangles[2..4].iter().any(|other| corners(other) == corners(front)), "{again}");
+            assert!(
+                triangles[2..4].iter().any(|other| corners(other) == corners(front)),
+                "{again}"
+            );
             let normal = |t: &Triangle| (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).z;
             assert!(normal(front) > 0.0 && normal(back) < 0.0);
         }
@@ -592,7 +598,12 @@ fn a_polygon_written_back_to_back_is_cut_as_the_first() {
 fn a_sheet_of_two_sides_takes_the_place_of_both() {
     let mut scene = with_floor("2 3 4 1").0;
     let sheet = scene.triangles[..2].to_vec();
-    let [a, b, c, d] = [sheet[0].corners[0], sheet[0].corners[1], sheet[0].corners[2], sheet[1].corners[2]];
+    let [a, b, c, d] = [
+        sheet[0].corners[0],
+        sheet[0].corners[1],
+        sheet[0].corners[2],
+        sheet[1].corners[2],
+    ];
     let triangle = |corners| Triangle {
         corners,
         face: 9,

@@ -162,7 +162,12 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
             format!("{entries}form factors below {}", figures(manifest.min_factor)),
         );
     }
-    for sentence in reading.warnings.iter().cloned().chain(reading.losses.iter().map(LossRecord::sentence)) {
+    for sentence in reading
+        .warnings
+        .iter()
+        .cloned()
+        .chain(reading.losses.iter().map(LossRecord::sentence))
+    {
         list.add("of the file", shown(&sentence).into_owned());
     }
     if let Some(crs) = &reading.crs {

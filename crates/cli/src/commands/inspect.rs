@@ -17,8 +17,8 @@ use crate::report::{BackendReport, JsonReport, SCHEMA, peak_memory_bytes, print}
 use anyhow::{Result, bail};
 use clap::Args;
 use forecast::forecast;
-use hemicube::driver::settings::LossRecord;
 use hemicube::diagnose::{DiagnoseOptions, SceneStatistics, diagnose};
+use hemicube::driver::settings::LossRecord;
 use hemicube_scene::survey::survey;
 use report::{Report, Timings, diagnosis_report, enclosure_report, octree_report, patch_report, scene_report};
 use std::path::PathBuf;
@@ -112,8 +112,18 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         version: env!("CARGO_PKG_VERSION"),
         scene: scene_report(&prepared, surveyed),
         repair: RepairCounts::from(&prepared.scene.repaired),
-        losses: prepared.scene.ledger.losses().map(|(what, loss)| LossRecord::of(what, loss)).collect(),
-        noted: prepared.scene.ledger.notes().map(|(what, count)| (what.to_owned(), count)).collect(),
+        losses: prepared
+            .scene
+            .ledger
+            .losses()
+            .map(|(what, loss)| LossRecord::of(what, loss))
+            .collect(),
+        noted: prepared
+            .scene
+            .ledger
+            .notes()
+            .map(|(what, count)| (what.to_owned(), count))
+            .collect(),
         warnings: prepared.scene.ledger.warnings.clone(),
         crs: prepared.scene.crs.clone(),
         patches: patch_report(&prepared),

@@ -644,7 +644,12 @@ impl Rays<'_> {
     /// Returns whether these and others see more of each other's fronts `after` than with `turned`: tubes in a furnace
     /// whose walls face out lose as few views by being turned as the walls do, but see nothing then but their insides.
     fn meets_more_fronts(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, after: &BTreeSet<u32>) -> bool {
-        let mut entries: Vec<usize> = objects.iter().filter_map(|o| self.of.get(o)).flatten().copied().collect();
+        let mut entries: Vec<usize> = objects
+            .iter()
+            .filter_map(|o| self.of.get(o))
+            .flatten()
+            .copied()
+            .collect();
         entries.sort_unstable();
         entries.dedup();
         let fronts = |turned: &BTreeSet<u32>| -> f64 {

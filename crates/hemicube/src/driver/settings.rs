@@ -164,7 +164,11 @@ impl ReadingRecord {
     /// The record of a scene.
     pub fn of(scene: &Scene) -> Self {
         Self {
-            losses: scene.ledger.losses().map(|(what, loss)| LossRecord::of(what, loss)).collect(),
+            losses: scene
+                .ledger
+                .losses()
+                .map(|(what, loss)| LossRecord::of(what, loss))
+                .collect(),
             warnings: scene.ledger.warnings.clone(),
             further_names: scene.further_names.clone(),
             crs: scene.crs.clone(),
@@ -174,7 +178,9 @@ impl ReadingRecord {
     /// The record in the settings of a matrix; empty where there is none, or none that is known.
     pub fn of_settings(settings: &Value) -> Self {
         let record = settings.get("reading").cloned();
-        record.and_then(|record| serde_json::from_value(record).ok()).unwrap_or_default()
+        record
+            .and_then(|record| serde_json::from_value(record).ok())
+            .unwrap_or_default()
     }
 
     fn is_empty(&self) -> bool {
@@ -311,8 +317,14 @@ mod tests {
         let read = ReadingRecord::of_settings(&settings);
         assert_eq!(read, record);
         assert_eq!(read.losses.len(), 1);
-        assert_eq!(read.losses[0].sentence(), "merged: 2 × face (area 1.5; the first: `floor`)");
-        assert_eq!(ReadingRecord::of_settings(&serde_json::json!({})), ReadingRecord::default());
+        assert_eq!(
+            read.losses[0].sentence(),
+            "merged: 2 × face (area 1.5; the first: `floor`)"
+        );
+        assert_eq!(
+            ReadingRecord::of_settings(&serde_json::json!({})),
+            ReadingRecord::default()
+        );
     }
 
     #[test]

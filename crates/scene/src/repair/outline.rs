@@ -31,11 +31,13 @@ fn key(point: DVec3) -> Key {
 /// Triangles of one face each, one after the other.
 fn faces(triangles: &[Triangle]) -> impl Iterator<Item = Range<usize>> {
     let mut begin = 0;
-    triangles.chunk_by(|a, b| (a.face, a.object) == (b.face, b.object)).map(move |face| {
-        let range = begin..begin + face.len();
-        begin = range.end;
-        range
-    })
+    triangles
+        .chunk_by(|a, b| (a.face, a.object) == (b.face, b.object))
+        .map(move |face| {
+            let range = begin..begin + face.len();
+            begin = range.end;
+            range
+        })
 }
 
 /// The corners of the loops of a face's outline, and whether it runs along them; `None` where loops touch.
@@ -117,7 +119,10 @@ pub(super) fn coincident(triangles: &[Triangle]) -> Vec<Vec<Face>> {
         for (_, range) in same {
             if let Some((outline, is_along)) = found(range) {
                 let triangles = range.clone();
-                by_outline.entry(outline).or_default().push(Face { triangles, is_along });
+                by_outline
+                    .entry(outline)
+                    .or_default()
+                    .push(Face { triangles, is_along });
             }
         }
         groups.extend(by_outline.into_values().filter(|group| group.len() > 1));

@@ -60,7 +60,8 @@ fn question_of_unit(manifest: &Manifest, table: &PatchTable) -> Option<String> {
     let extent = low.iter().zip(high).map(|(low, high)| high - low).fold(0.0, f64::max);
     let says_so = |name: &str| {
         let name = name.to_ascii_lowercase();
-        name.split(|c: char| !c.is_ascii_alphabetic()).any(|word| matches!(word, "mm" | "millimetre" | "millimeter"))
+        name.split(|c: char| !c.is_ascii_alphabetic())
+            .any(|word| matches!(word, "mm" | "millimetre" | "millimeter"))
     };
     let named = says_so(&manifest.scene.file) || manifest.objects.iter().take(100).any(|name| says_so(name));
     let due = if named { EXTENT_ASKED[1] } else { EXTENT_ASKED[0] };
