@@ -73,6 +73,9 @@ pub(crate) struct SceneSettings {
     /// Turn the one-sided triangles of these objects round (repeatable); all: of every object
     #[arg(long, value_name = "GLOB|all", hide_short_help = true)]
     pub(crate) flip: Vec<String>,
+    /// Leave out the triangles of these objects and materials (repeatable)
+    #[arg(long, value_name = "GLOB", hide_short_help = true)]
+    pub(crate) exclude: Vec<String>,
     /// The axis that points up [default: the file's, or found]
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,

@@ -18,7 +18,7 @@ use strsim::levenshtein;
 use toml::de::{DeTable, DeValue};
 
 /// Flags accepted as settings in files and in the environment.
-const SETTINGS: [&str; 33] = [
+const SETTINGS: [&str; 34] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -36,6 +36,7 @@ const SETTINGS: [&str; 33] = [
     "patch-size",
     "two-sided",
     "flip",
+    "exclude",
     "up",
     "scale",
     "keep-duplicates",

@@ -1,9 +1,10 @@
 //! Sentences on how a scene encloses: objects facing the wrong way, and holes.
 
+use crate::args::Talk;
 use crate::escape::shown;
 use crate::prepare::Prepared;
 use crate::report::{count, counted, figures, percent};
-use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Part, Turn, Winding, enclosure};
+use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Part, Turn, Winding, enclosure, overlaps};
 use hemicube::driver::selection::matches_glob;
 use hemicube_scene::Axis;
 use std::collections::BTreeSet;
@@ -90,10 +91,68 @@ pub(crate) fn questions(
             percent(blocked)
         ));
     }
-    if sentences.is_empty() {
+    if sentences.is_empty() && !prepared.scene.is_oriented {
         sentences.extend(of_groups(&found));
     }
     sentences
+}
+
+/// Warns of a scene under the sky, or with free points, whose surfaces face the wrong way: their insides would be what
+/// is computed. A solid alone, which is right there, is passed over.
+pub(crate) fn warn_of_winding(prepared: &Prepared, threads: usize, talk: Talk) {
+    let options = DiagnoseOptions {
+        threads,
+        surfaces_max: SURFACES_OF_CLOSED,
+        ..DiagnoseOptions::default()
+    };
+    let mut found = of(prepared, &objects(prepared), options);
+    found.winding.retain(|winding| winding.turn != Turn::All);
+    for sentence in of_windings(prepared, &found.winding) {
+        talk.warn(&sentence);
+    }
+}
+
+/// Least common area by the scene's that is told.
+const COMMON_AREA: f64 = 1e-4;
+
+/// The sentence on triangles that cover each other in one plane; `None` without any to speak of.
+pub(crate) fn of_overlaps(prepared: &Prepared, threads: usize) -> Option<String> {
+    let options = DiagnoseOptions {
+        threads,
+        surfaces_max: SURFACES_MAX,
+        ..DiagnoseOptions::default()
+    };
+    let found = overlaps(&prepared.model, options)?;
+    let patches = &prepared.patches;
+    let whole: f64 = patches.iter().map(|patch| patches.area(patch)).sum();
+    let common = found.total.unwrap_or(0.0);
+    if common < COMMON_AREA * whole {
+        return None;
+    }
+    let first = found.examples.first()?;
+    let name = |patch: hemicube::InputPatch| {
+        let triangle = prepared.scene.triangles.get(patches.triangle(patch));
+        let object = triangle.and_then(|triangle| prepared.scene.objects.get(triangle.object as usize));
+        object
+            .filter(|name| !name.is_empty())
+            .map(|name| format!("`{}`", shown(name)))
+    };
+    let names: Vec<String> = std::iter::once(first.patch)
+        .chain(first.other)
+        .filter_map(name)
+        .collect();
+    let of = if names.is_empty() {
+        String::new()
+    } else {
+        format!(" of {}", names.join(" and "))
+    };
+    let [x, y, z] = first.at.to_array().map(figures);
+    Some(format!(
+        "triangles cover each other in one plane, {} of common area, {} of the scene's (the worst{of} at {x} {y} {z}): \
+         one hides the other; delete one of each, or `hemicube inspect` lists more",
+        figures(common),
+        percent(common / whole)
+    ))
 }
 
 /// The sentence on groups of surfaces that see only themselves.
@@ -159,7 +218,10 @@ fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
         .into_iter()
         .find(|glob| others().all(|name| !matches_glob(glob, name)))
         .map_or_else(
-            || "`--flip NAME` for each of them (`--json` lists all)".to_owned(),
+            || {
+                let options: Vec<String> = names.iter().map(|name| format!("--flip {}", word(name))).collect();
+                format!("`{}`", options.join(" "))
+            },
             |glob| format!("`--flip {}`", word(&glob)),
         )
 }
@@ -167,7 +229,9 @@ fn options(prepared: &Prepared, names: &BTreeSet<&str>) -> String {
 /// The defects of objects' winding, and what to try. Parts alone that face the same wrong way are told at once.
 pub(crate) fn of_windings(prepared: &Prepared, windings: &[Winding]) -> Vec<String> {
     let mut told: Vec<Winding> = Vec::new();
-    for winding in windings {
+    // Where a format says which way its surfaces face, a few may contradict it, but not what encloses a zone.
+    let is_right = |winding: &&Winding| prepared.scene.is_oriented && winding.turn != Turn::Objects;
+    for winding in windings.iter().filter(|winding| !is_right(winding)) {
         let parts_alone = |of: &Winding| of.objects.is_empty() && !of.parts.is_empty();
         let joins = |before: &&mut Winding| before.turn == winding.turn && parts_alone(before) && parts_alone(winding);
         if let Some(before) = told.iter_mut().find(joins) {

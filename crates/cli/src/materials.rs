@@ -25,6 +25,8 @@ use crate::args::Talk;
 use crate::exit::hinted;
 use crate::toml_file;
 use anyhow::{Result, anyhow, bail};
+use hemicube::driver::settings::ReadingRecord;
+use hemicube::groups::spread;
 use hemicube::solve::{Entry, Named, PrintedTable, Properties, PropertyError, Spectrum, Tables};
 use hemicube::store::{Manifest, PatchTable};
 use hemicube_scene::{Material, ReadOptions};
@@ -69,6 +71,10 @@ pub(crate) fn read(
         object: &table.object,
         material: &table.material,
     };
+    let further = ReadingRecord::of_settings(&manifest.settings).further_names;
+    let mut tables = tables;
+    spread(&mut tables, named.objects, named.materials, &further)
+        .map_err(|tie| anyhow!("{tie}").context(format!("{shown}the materials do not fit")))?;
     Properties::new(named, optics, tables)
         .map_err(|error| told(error).context(format!("{shown}the materials do not fit")))
 }
@@ -96,7 +102,7 @@ fn of_scene(names: &[String], path: &Path, allow_large: bool, talk: Talk) -> Res
             path.display()
         );
     }
-    for warning in scene.findings.unread_libraries() {
+    for warning in scene.ledger.unread_libraries() {
         talk.warn(warning);
     }
     let values = |material: &Material| [material.diffuse, material.emission];

@@ -256,7 +256,7 @@ fn specular(path: &Path, prepared: &Prepared, bound: f64, band: usize) -> Result
         };
         let read = hemicube_scene::load(Path::new(&prepared.input.path), options)?;
         // Mirrors that it may describe would be left out.
-        if let Some(warning) = read.findings.unread_libraries().next() {
+        if let Some(warning) = read.ledger.unread_libraries().next() {
             bail!("the mirrors and panes of `{}`: {warning}", prepared.input.path);
         }
         let laws = laws_of_scene(&read);

@@ -87,28 +87,18 @@ impl Prepared {
         }
     }
 
-    /// Tells the parts of the file that are not in the matrix.
+    /// Tells what was not taken as the file says, and, to those who ask for more, what is only noted.
     pub(crate) fn tell(&self, talk: Talk) {
         let Self { scene, .. } = self;
         let repaired = &scene.repaired;
-        for warning in &scene.findings.warnings {
-            talk.warn(warning);
+        for sentence in scene.ledger.sentences() {
+            talk.warn(&sentence);
         }
-        let dropped = [
-            (repaired.non_finite, "without finite coordinates"),
-            (repaired.degenerate, "without area"),
-            (repaired.duplicates_dropped, "that lie exactly on others"),
-        ];
-        let parts: Vec<String> = dropped
-            .iter()
-            .filter(|(number, _)| *number > 0)
-            .map(|(number, what)| format!("{} {what}", crate::report::count(*number)))
-            .collect();
-        if !parts.is_empty() {
-            talk.warn(&format!("triangles dropped: {}", parts.join(", ")));
+        for (what, number) in scene.ledger.notes() {
+            talk.detail(&format!("in the file: {} × {what}", crate::report::count(number)));
         }
-        for (reason, number) in &scene.findings.counts {
-            talk.detail(&format!("in the file: {} × {reason}", crate::report::count(*number)));
+        if let Some(crs) = &scene.crs {
+            talk.detail(&format!("coordinates are in `{}`", crate::escape::shown(crs)));
         }
         if repaired.reversed_duplicates > 0 {
             let number = counted(repaired.reversed_duplicates, "triangle");
@@ -157,6 +147,7 @@ impl SceneSettings {
                 AutoSwitch::Off => Some(false),
             },
             flip: self.flip.clone(),
+            exclude: self.exclude.clone(),
             keep_duplicates: self.keep_duplicates == Switch::On,
             scale: self.scale,
             up: self.up.map(Into::into),
@@ -323,10 +314,11 @@ pub(crate) fn prepare_of(
     let scene = hemicube_scene::load(path, options)?;
     let input = Input::of(path)?;
     let scene = SceneInput::new(scene, path, settings.given()).map_err(|error| {
-        hinted(
-            anyhow!("`--flip {}` matches no object with one-sided triangles", error.glob),
-            error.there,
-        )
+        let what = match error.list {
+            "exclude" => "no object and no material",
+            _ => "no object with one-sided triangles",
+        };
+        hinted(anyhow!("`--{} {}` matches {what}", error.list, error.glob), error.there)
     })?;
     let load_seconds = started.elapsed().as_secs_f64();
     if scene.triangles.is_empty() {

@@ -4,8 +4,8 @@ use crate::args::SelectionSettings;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use hemicube::driver::compute::Selection;
-pub(crate) use hemicube::driver::selection::matches_glob;
 use hemicube::driver::selection::{Names, NoMatch};
+pub(crate) use hemicube::driver::selection::{matches_glob, matching_objects};
 use hemicube_scene::{Patches, Scene};
 
 /// The rows and columns that the settings ask for.

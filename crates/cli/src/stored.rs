@@ -49,6 +49,10 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
             settings["subdivision"],
         )
     }
+    let globs = |name: &str| {
+        let globs = settings[name].as_array().into_iter().flatten();
+        globs.filter_map(|glob| glob.as_str().map(str::to_owned)).collect()
+    };
     Ok(SceneSettings {
         subdivide,
         split,
@@ -58,12 +62,8 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
             Some("off") => AutoSwitch::Off,
             _ => AutoSwitch::Auto,
         },
-        flip: settings["flip"]
-            .as_array()
-            .into_iter()
-            .flatten()
-            .filter_map(|glob| glob.as_str().map(str::to_owned))
-            .collect(),
+        flip: globs("flip"),
+        exclude: globs("exclude"),
         up: match settings["up"].as_str() {
             Some("x") => Some(UpAxis::X),
             Some("y") => Some(UpAxis::Y),

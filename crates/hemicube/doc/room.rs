@@ -66,6 +66,7 @@ pub fn settings(correction: &Correction) -> RowSettings {
         subdivision: SubdivisionRecord::from(Subdivision::Split(2)),
         two_sided: "auto",
         flip: Vec::new(),
+        exclude: Vec::new(),
         keep_duplicates: false,
         scale: 1.0,
         up: Some("y"),
@@ -77,6 +78,7 @@ pub fn settings(correction: &Correction) -> RowSettings {
         patches: hemicube::PatchKind::Triangle,
         elements: None,
         portals: None,
+        reading: Default::default(),
     }
 }
 

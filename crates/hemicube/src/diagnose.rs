@@ -387,6 +387,14 @@ pub fn diagnose(model: &Model, options: DiagnoseOptions) -> Diagnosis {
     }
 }
 
+/// Triangles that cover each other in one plane, facing the same way: the smaller of each pair is hidden, or hides the
+/// other. Of large scenes a sample, as [`diagnose`] takes it.
+pub fn overlaps(model: &Model, options: DiagnoseOptions) -> Option<Finding> {
+    let order = sample::order(model, options.seed);
+    let found = contact::findings(model, &order, None, options);
+    found.into_iter().find(|finding| finding.kind == FindingKind::Overlap)
+}
+
 /// The power of two that a model's coordinates were scaled by.
 fn scale_of(model: &Model) -> f64 {
     let edges = model

@@ -37,6 +37,7 @@ pub mod factor;
 pub mod frame;
 mod geometry;
 mod grouping;
+pub mod groups;
 mod model;
 pub mod points;
 pub mod portal;

@@ -10,6 +10,7 @@ use hemicube::analysis::surfaces::{
     ERROR_TOLD, EnclosureError, HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface, heat_errors, row_errors,
 };
 use hemicube::analysis::zones::{GroupBy, reason_against};
+use hemicube::groups::spread;
 use hemicube::solve::{
     Condition, Enclosures, Factors, Heat, HeatSolution, Named, Properties, PropertyError, Reading, Solution,
     SolveOptions, Tables, Temperature, Undetermined, disagreement, enclosures, open_share, question_of_cold,
@@ -117,6 +118,8 @@ pub(crate) fn properties_of(matrix: &Matrix, table: &PatchTable, given: &Bound<'
         object: &table.object,
         material: &table.material,
     };
+    let mut tables = tables;
+    spread(&mut tables, objects, materials, &matrix.further_names()).map_err(|tie| errors::input(tie.to_string()))?;
     Properties::new(named, None, tables).map_err(wrong)
 }
 

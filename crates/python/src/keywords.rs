@@ -45,6 +45,7 @@ const KEYWORDS: [(&str, Kind); 37] = [
     ("culling", Kind::Truth),
     ("emitters", Kind::Globs),
     ("engine", Kind::Text),
+    ("exclude", Kind::Globs),
     ("flip", Kind::Globs),
     ("keep-duplicates", Kind::Truth),
     ("min-factor", Kind::Number),

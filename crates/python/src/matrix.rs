@@ -533,6 +533,15 @@ impl Matrix {
         }
     }
 
+    /// Further names of objects.
+    pub(crate) fn further_names(&self) -> std::collections::BTreeMap<u32, Vec<String>> {
+        let settings = match &self.source {
+            Source::Memory(memory) => &memory.header.settings,
+            Source::Store(store) => &store.manifest().settings,
+        };
+        hemicube::driver::settings::ReadingRecord::of_settings(settings).further_names
+    }
+
     /// Names of objects and of materials.
     pub(crate) fn group_names(&self) -> [&[String]; 2] {
         match &self.source {

@@ -9,8 +9,10 @@ use hemicube::driver::room::{self, Work};
 use hemicube::driver::settings::axis_name;
 use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
-use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
-use hemicube_scene::{Axis, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle};
+use hemicube_scene::repair::{RepairOptions, repair};
+use hemicube_scene::{
+    Axis, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle,
+};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
@@ -24,6 +26,7 @@ use std::sync::Arc;
 struct Keywords<'a> {
     up: Option<&'a str>,
     flip: Option<Vec<String>>,
+    exclude: Option<Vec<String>>,
     subdivide: Option<u32>,
     split: Option<u32>,
     patch_size: Option<f64>,
@@ -57,6 +60,7 @@ impl Keywords<'_> {
         Ok(SceneSettings {
             keep_duplicates: self.keep_duplicates,
             flip: self.flip.unwrap_or_default(),
+            exclude: self.exclude.unwrap_or_default(),
             up: self.up.map(axis).transpose()?,
             ..subdivision.into()
         })
@@ -83,7 +87,7 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 /// Vertices are (n, 3) numbers, triangles (m, 3) indices into them, counter-clockwise seen from the front. `object` and
 /// `material` are ids of each triangle, which `objects` and `materials` name. A `two_sided` triangle, all of them or
 /// those of a mask, becomes two patches, its front and its back. `flip` lists objects (names, with `*` and `?`, or
-/// 'all') whose one-sided triangles are turned round. `up` ('x', 'y' or 'z') says where the sky is.
+/// 'all') whose one-sided triangles are turned round, `exclude` objects and materials that are left out. `up` ('x', 'y' or 'z') says where the sky is.
 ///
 /// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many
 /// pieces), `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or
@@ -101,13 +105,17 @@ impl Scene {
     fn ready(py: Python<'_>, triangles: Triangles, file: PathBuf, settings: SceneSettings) -> PyResult<Self> {
         let input = py.detach(|| SceneInput::new(triangles, file, settings));
         let input = input.map_err(|error| {
+            let what = match error.list {
+                "exclude" => "no object and no material",
+                _ => "no object with one-sided triangles",
+            };
             errors::input(format!(
-                "`flip`: `{}` matches no object with one-sided triangles; {}",
-                error.glob, error.there
+                "`{}`: `{}` matches {what}; {}",
+                error.list, error.glob, error.there
             ))
         })?;
-        for warning in &input.findings.warnings {
-            warn(py, warning)?;
+        for sentence in input.ledger.sentences() {
+            warn(py, &sentence)?;
         }
         let repaired = input.repaired;
         if input.triangles.is_empty() {
@@ -115,9 +123,6 @@ impl Scene {
                 "the scene holds no triangle that can be used: of {}, {} not finite and {} without area",
                 input.triangles_read, repaired.non_finite, repaired.degenerate
             )));
-        }
-        if let Some(dropped) = dropped(&repaired) {
-            warn(py, &dropped)?;
         }
         Self::cut(py, input)
     }
@@ -152,20 +157,6 @@ impl Scene {
         let flat: Vec<f64> = self.patches.iter().flat_map(|patch| of(patch).to_array()).collect();
         Ok(PyArray1::from_vec(py, flat).reshape([self.patches.len(), 3])?.unbind())
     }
-}
-
-/// The dropped triangles, if any, for a warning.
-fn dropped(report: &RepairReport) -> Option<String> {
-    let list: Vec<String> = [
-        (report.non_finite, "without finite coordinates"),
-        (report.degenerate, "without area"),
-        (report.duplicates_dropped, "that lie exactly on others"),
-    ]
-    .iter()
-    .filter(|(number, _)| *number > 0)
-    .map(|(number, what)| format!("{number} {what}"))
-    .collect();
-    (!list.is_empty()).then(|| format!("triangles dropped: {}", list.join(", ")))
 }
 
 /// Ids from 0 on, of things named or called by their numbers.
@@ -209,7 +200,7 @@ impl Scene {
     #[new]
     #[pyo3(signature = (
         vertices, triangles, *, object=None, material=None, face=None, objects=None, materials=None, two_sided=None,
-        flip=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
+        flip=None, exclude=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
@@ -223,6 +214,7 @@ impl Scene {
         materials: Option<Vec<String>>,
         two_sided: Option<&Bound<'_, PyAny>>,
         flip: Option<Vec<String>>,
+        exclude: Option<Vec<String>>,
         up: Option<&str>,
         subdivide: Option<u32>,
         split: Option<u32>,
@@ -232,6 +224,7 @@ impl Scene {
         let given = Keywords {
             up,
             flip,
+            exclude,
             subdivide,
             split,
             patch_size,
@@ -307,8 +300,8 @@ impl Scene {
     /// become far more triangles than their size explains. The rest is as for arrays.
     #[classmethod]
     #[pyo3(signature = (
-        path, *, scale=1.0, two_sided=None, flip=None, up=None, subdivide=None, split=None, patch_size=None,
-        keep_duplicates=false, allow_large=false
+        path, *, scale=1.0, two_sided=None, flip=None, exclude=None, up=None, subdivide=None, split=None,
+        patch_size=None, keep_duplicates=false, allow_large=false
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn load(
@@ -318,6 +311,7 @@ impl Scene {
         scale: f64,
         two_sided: Option<bool>,
         flip: Option<Vec<String>>,
+        exclude: Option<Vec<String>>,
         up: Option<&str>,
         subdivide: Option<u32>,
         split: Option<u32>,
@@ -328,6 +322,7 @@ impl Scene {
         let given = Keywords {
             up,
             flip,
+            exclude,
             subdivide,
             split,
             patch_size,
@@ -367,7 +362,7 @@ impl Scene {
         };
         let mut scene = py.detach(|| generate(spec)).map_err(|error| errors::scene(&error))?;
         // The number of patches is approximate by nature.
-        scene.findings.warnings.clear();
+        scene.ledger.warnings.clear();
         let file = PathBuf::from(format!("{kind}.generated"));
         Self::ready(py, scene, file, SceneSettings::default())
     }
@@ -491,6 +486,22 @@ impl Scene {
         state.set_item("scale", settings.scale)?;
         state.set_item("two_sided", settings.two_sided)?;
         state.set_item("flip", settings.flip.clone())?;
+        state.set_item("exclude", settings.exclude.clone())?;
+        let losses = input.ledger.losses().map(|(what, loss)| {
+            let fate = loss.fate.name().to_owned();
+            (
+                fate,
+                what.to_owned(),
+                loss.count,
+                loss.area,
+                loss.first.clone(),
+                loss.next.clone(),
+            )
+        });
+        state.set_item("losses", losses.collect::<Vec<_>>())?;
+        state.set_item("warnings", input.ledger.warnings.clone())?;
+        state.set_item("further_names", input.further_names.clone())?;
+        state.set_item("crs", input.crs.clone())?;
         state.set_item("asked_up", settings.up.map(axis_name))?;
         state.set_item("up", input.up_name())?;
         state.set_item("keep_duplicates", settings.keep_duplicates)?;
@@ -498,6 +509,36 @@ impl Scene {
         state.set_item("split", split)?;
         state.set_item("patch_size", patch_size)?;
         Ok((maker(py, "_scene_of")?, (state,).into_pyobject(py)?))
+    }
+
+    /// What was not taken as the file says: a list of dictionaries with `fate` ('left out', 'approximated', 'merged',
+    /// 'turned round', 'doubtful'), `what`, `count`, `area` (of all, in the scene's unit squared, or None), `first` (the
+    /// place of the first) and `next` (what to try, or None). Each was a warning when the scene was read.
+    #[getter]
+    fn losses<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let one = |(what, loss): (&str, &Loss)| {
+            let of = PyDict::new(py);
+            of.set_item("fate", loss.fate.name())?;
+            of.set_item("what", what)?;
+            of.set_item("count", loss.count)?;
+            of.set_item("area", loss.area)?;
+            of.set_item("first", loss.first.as_deref())?;
+            of.set_item("next", loss.next.as_deref())?;
+            Ok(of)
+        };
+        self.input.ledger.losses().map(one).collect()
+    }
+
+    /// Further names of objects, by their number: lists that properties, `emitters` and `flip` match, too.
+    #[getter]
+    fn further_names(&self) -> std::collections::BTreeMap<u32, Vec<String>> {
+        self.input.further_names.clone()
+    }
+
+    /// The coordinate reference system that the file names, or None.
+    #[getter]
+    fn crs(&self) -> Option<&str> {
+        self.input.crs.as_deref()
     }
 
     /// The axis that points up: 'x', 'y', 'z', or None if unknown.
@@ -520,6 +561,11 @@ pub(crate) struct State<'py> {
     scale: f64,
     two_sided: Option<bool>,
     flip: Vec<String>,
+    exclude: Vec<String>,
+    losses: Vec<(String, String, u64, Option<f64>, Option<String>, Option<String>)>,
+    warnings: Vec<String>,
+    further_names: std::collections::BTreeMap<u32, Vec<String>>,
+    crs: Option<String>,
     asked_up: Option<String>,
     up: Option<String>,
     keep_duplicates: bool,
@@ -536,6 +582,7 @@ pub(crate) fn scene_of(py: Python<'_>, state: State<'_>) -> PyResult<Scene> {
     let keywords = Keywords {
         up: state.asked_up.as_deref(),
         flip: Some(state.flip),
+        exclude: Some(state.exclude),
         subdivide: state.subdivide,
         split: state.split,
         patch_size: state.patch_size,
@@ -581,8 +628,20 @@ pub(crate) fn scene_of(py: Python<'_>, state: State<'_>) -> PyResult<Scene> {
         objects: state.objects,
         materials: state.materials.into_iter().map(material).collect(),
         up: state.up.as_deref().map(axis).transpose()?,
+        further_names: state.further_names,
+        crs: state.crs,
         ..Triangles::default()
     };
+    scene.ledger.warnings = state.warnings;
+    for (fate, what, count, area, first, next) in state.losses {
+        let fate =
+            Fate::of_name(&fate).ok_or_else(|| errors::content(format!("a pickled scene has the loss `{fate}`")))?;
+        let (what, next) = (what.as_str(), next.unwrap_or_default());
+        let next = next.as_str();
+        scene
+            .ledger
+            .lose(Kind { fate, what, next }, count, area, || first.unwrap_or_default());
+    }
     let keep_duplicates = settings.keep_duplicates;
     let repaired = py.detach(|| repair(&mut scene, RepairOptions { keep_duplicates }));
     if scene.triangles.is_empty() {

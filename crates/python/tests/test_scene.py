@@ -23,7 +23,7 @@ def test_arrays_of_any_type_and_order() -> None:
 
 def test_patches_know_where_they_are_from() -> None:
     degenerate = [0, 1, 1]
-    with pytest.warns(UserWarning, match="triangles dropped: 1 without area"):
+    with pytest.warns(UserWarning, match="left out: 1 × triangle without area"):
         scene = hemicube.Scene(
             VERTICES,
             [TRIANGLES[0], degenerate, TRIANGLES[1]],

@@ -66,6 +66,17 @@ impl<'a> Cursor<'a> {
         word.get(..length)
     }
 
+    /// The words left on this line of a text; none in binary.
+    pub(crate) fn words_left(&self) -> usize {
+        if self.binary {
+            return 0;
+        }
+        let line = self.rest().split(|&byte| byte == b'\n').next().unwrap_or_default();
+        line.split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty())
+            .count()
+    }
+
     pub(crate) fn bytes(&mut self, count: usize) -> Result<&'a [u8], Error> {
         let bytes = self.rest().get(..count).ok_or_else(|| self.cut_short())?;
         self.at += count;

@@ -83,9 +83,10 @@ struct Whole {
     materials: HashMap<String, u32>,
     /// The next file's first face.
     faces: u32,
-    /// The file that prescribes the axis up, and the one that prescribes the unit.
+    /// The files that prescribe the axis up, the unit, and the coordinate reference system.
     of_up: String,
     of_unit: String,
+    of_crs: String,
     /// Number of warnings beyond [`MOST_WARNINGS`].
     more_warnings: u64,
 }
@@ -133,26 +134,35 @@ impl Whole {
         }
         whole.triangles.append(&mut scene.triangles);
 
-        for (reason, count) in scene.findings.counts {
-            whole.findings.count_many(&reason, count);
+        for (object, names) in std::mem::take(&mut scene.further_names) {
+            whole.further_names.insert(first_object.saturating_add(object), names);
         }
-        for warning in scene.findings.warnings {
+        agree(
+            &mut whole.crs,
+            &mut self.of_crs,
+            scene.crs.take(),
+            "the coordinate reference system",
+            file,
+        )?;
+        let warnings = std::mem::take(&mut scene.ledger.warnings);
+        whole.ledger.append(scene.ledger, &name);
+        for warning in warnings {
             self.warn(format!("`{name}`: {warning}"));
         }
         Ok(())
     }
 
     fn warn(&mut self, warning: String) {
-        if self.scene.findings.warnings.len() < MOST_WARNINGS {
-            self.scene.findings.warnings.push(warning);
+        if self.scene.ledger.warnings.len() < MOST_WARNINGS {
+            self.scene.ledger.warnings.push(warning);
         } else {
             self.more_warnings += 1;
         }
     }
 
     fn finish(mut self) -> Scene {
-        let findings = &mut self.scene.findings;
-        findings.count_many("warning of a file, after the first ones", self.more_warnings);
+        let ledger = &mut self.scene.ledger;
+        ledger.note_many("warning of a file, after the first ones", self.more_warnings);
         self.scene
     }
 
@@ -177,17 +187,17 @@ impl Whole {
 const TOO_LARGE: &str = "has more objects, materials or faces, with the files before it, than can be numbered";
 
 /// Takes what a file prescribes over, unless a file before prescribes another value.
-fn agree<T: Copy + PartialEq + Debug>(
+fn agree<T: Clone + PartialEq + Debug>(
     whole: &mut Option<T>,
     by: &mut String,
     found: Option<T>,
     what: &str,
     file: &Path,
 ) -> Result<(), Error> {
-    match (*whole, found) {
+    match (whole.clone(), found) {
         (_, None) => {}
-        (None, Some(_)) => {
-            *whole = found;
+        (None, Some(found)) => {
+            *whole = Some(found);
             *by = name_of(file);
         }
         (Some(before), Some(now)) if before == now => {}
@@ -304,19 +314,19 @@ mod tests {
         };
         whole.push(Path::new("a.obj"), scene(0.5)).unwrap();
         whole.push(Path::new("b.obj"), scene(0.5)).unwrap();
-        assert!(whole.scene.findings.warnings.is_empty());
+        assert!(whole.scene.ledger.warnings.is_empty());
         whole.push(Path::new("c.obj"), scene(0.25)).unwrap();
         assert_eq!(whole.scene.materials, scene(0.5).materials);
         assert_eq!(
-            whole.scene.findings.warnings,
+            whole.scene.ledger.warnings,
             ["`c.obj`: material `m` has other values than in a file before, and the first ones hold"]
         );
         // Say the first warnings of many files, and count the others.
         for _ in 0..99 {
             whole.push(Path::new("d.obj"), scene(0.25)).unwrap();
         }
-        let findings = whole.finish().findings;
-        assert_eq!(findings.warnings.len(), MOST_WARNINGS);
-        assert_eq!(findings.get("warning of a file, after the first ones"), 92);
+        let ledger = whole.finish().ledger;
+        assert_eq!(ledger.warnings.len(), MOST_WARNINGS);
+        assert_eq!(ledger.get("warning of a file, after the first ones"), 92);
     }
 }

@@ -229,8 +229,8 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
 
 /// The error of a scene without a triangle: with what its file has instead, where the reader counted that.
 fn nothing_of(scene: &Scene) -> Error {
-    let counts = scene.findings.counts.iter().take(FINDINGS_SHOWN);
-    let found: Vec<String> = counts.map(|(reason, count)| format!("{count} × {reason}")).collect();
+    let entries = scene.ledger.entries.iter().take(FINDINGS_SHOWN);
+    let found: Vec<String> = entries.map(|(what, loss)| format!("{} × {what}", loss.count)).collect();
     if found.is_empty() {
         return Error::new(ErrorKind::Empty);
     }

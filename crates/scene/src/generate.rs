@@ -13,7 +13,7 @@
 //! - [`Kind::Soup`]: triangles strewn in a closed room ([`SoupParameters`]); every count from 12
 //!
 //! [`generate`] takes the reachable count nearest to the target (the city: the first count not below it), within 25 %
-//! from a target of 1,000 on. The length of [`Scene::triangles`] is the count reached; a warning in [`Scene::findings`]
+//! from a target of 1,000 on. The length of [`Scene::triangles`] is the count reached; a warning in [`Scene::ledger`]
 //! tells a difference from the target.
 
 mod block_city;
@@ -133,9 +133,9 @@ pub struct Generate {
 ///
 /// // A room has 40·k² triangles: where the target is out of reach, the scene says what it has.
 /// let room = generate(Generate { kind: Kind::Room, target_patches: 1000, seed: 1 })?;
-/// assert_eq!((room.triangles.len(), room.findings.warnings.len()), (1000, 0));
+/// assert_eq!((room.triangles.len(), room.ledger.warnings.len()), (1000, 0));
 /// let room = generate(Generate { kind: "room".parse()?, target_patches: 1100, seed: 1 })?;
-/// assert_eq!((room.triangles.len(), room.findings.warnings.len()), (1000, 1));
+/// assert_eq!((room.triangles.len(), room.ledger.warnings.len()), (1000, 1));
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn generate(spec: Generate) -> Result<Scene, Error> {
@@ -164,7 +164,7 @@ pub fn generate(spec: Generate) -> Result<Scene, Error> {
     }?;
     let reached = scene.triangles.len();
     if reached as u64 != target {
-        scene.findings.warnings.push(format!(
+        scene.ledger.warnings.push(format!(
             "a `{kind}` of {target} patches was asked for; it has {reached}"
         ));
     }

@@ -21,6 +21,7 @@ mod folder;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
+mod ledger;
 #[cfg(feature = "_meshes")]
 mod mesh;
 #[cfg(any(
@@ -48,6 +49,7 @@ pub mod write;
 pub use error::{Error, ErrorKind};
 pub use folder::files;
 pub use formats::*;
+pub use ledger::{Fate, Kind, Ledger, Loss};
 pub use patch::{InputPatch, Patches, Side};
 pub use regular::{open_regular, read_regular, read_regular_text};
 pub use subdivide::Subdivision;
@@ -111,52 +113,6 @@ pub enum Axis {
     Z,
 }
 
-/// Parts of a file that became no triangles, counted by a short reason such as `"line element"` or `"face with fewer
-/// than 3 corners"`, and repairs made on the way.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Findings {
-    /// Number of each reason. Sorted, so that reports are reproducible.
-    pub counts: BTreeMap<String, u64>,
-    /// Complete sentences for a person, at most a few (a missing material library, an unusual header).
-    pub warnings: Vec<String>,
-}
-
-/// Beginning of a warning of a material library that could not be read.
-pub(crate) const UNREAD_LIBRARY: &str = "the material library";
-
-impl Findings {
-    /// Counts one more `reason`.
-    pub fn count(&mut self, reason: &str) {
-        self.count_many(reason, 1);
-    }
-
-    /// Counts `count` more of `reason`.
-    pub fn count_many(&mut self, reason: &str, count: u64) {
-        if count == 0 {
-            return;
-        }
-        match self.counts.get_mut(reason) {
-            Some(n) => *n += count,
-            None => {
-                self.counts.insert(reason.to_owned(), count);
-            }
-        }
-    }
-
-    /// The warnings of material libraries that could not be read: what they describe is missing.
-    pub fn unread_libraries(&self) -> impl Iterator<Item = &str> {
-        self.warnings
-            .iter()
-            .map(String::as_str)
-            .filter(|warning| warning.starts_with(UNREAD_LIBRARY))
-    }
-
-    /// Number of times `reason` was counted.
-    pub fn get(&self, reason: &str) -> u64 {
-        self.counts.get(reason).copied().unwrap_or(0)
-    }
-}
-
 /// A scene: triangles in the file's face order, with the names they refer to.
 ///
 /// A reader makes one of a file, [`generate`] makes some by rule, and an embedder makes it of triangles:
@@ -187,8 +143,16 @@ pub struct Scene {
     pub objects: Vec<String>,
     /// Materials, in order of first use.
     pub materials: Vec<Material>,
-    /// Things skipped or repaired while reading.
-    pub findings: Findings,
+    /// What was not taken as the file says.
+    pub ledger: Ledger,
+    /// Further names of objects, by their number: a surface of a mesh may be in several groups. Properties, selections
+    /// and flips match them as they match the first.
+    pub further_names: BTreeMap<u32, Vec<String>>,
+    /// The coordinate reference system that the file names, such as `https://www.opengis.net/def/crs/EPSG/0/7415`.
+    pub crs: Option<String>,
+    /// True if the format says which way each surface faces, and its reader turned them so: one that sees backs is no
+    /// reason to turn others.
+    pub is_oriented: bool,
     /// The up axis prescribed by the format (glTF: y; AC3D: y), if it prescribes one.
     pub up: Option<Axis>,
     /// The length of one unit in metres prescribed by the format (glTF: 1), if it prescribes one.

@@ -8,9 +8,13 @@
 #[cfg(feature = "_buildings")]
 use crate::bounds::Bounds;
 #[cfg(feature = "_buildings")]
+pub(crate) use crate::polygon::vector_area;
+#[cfg(feature = "_buildings")]
 use crate::polygon::{Triangulation, triangulate, triangulate_with_holes};
 #[cfg(feature = "_buildings")]
-use crate::{Error, Findings};
+use crate::polygon::{judge_cut, judge_lost};
+#[cfg(feature = "_buildings")]
+use crate::{Error, Fate, Kind, Ledger};
 use glam::DVec3;
 
 /// Relative difference of areas that is rounding.
@@ -20,14 +24,22 @@ const AREA: f64 = 1e-9;
 #[cfg(feature = "_buildings")]
 const CUT_STEPS: usize = 16;
 
-/// Twice the vector area of a polygon.
+/// Turns an opening that is wound against its wall, and records it.
 #[cfg(feature = "_buildings")]
-pub(crate) fn vector_area(polygon: &[DVec3]) -> DVec3 {
-    let Some(&first) = polygon.first() else {
-        return DVec3::ZERO;
-    };
-    let cross = |edge: &[DVec3]| (edge[0] - first).cross(edge[1] - first);
-    polygon.windows(2).map(cross).sum()
+pub(crate) fn turn_with(wall: &[DVec3], opening: &mut [DVec3], ledger: &mut Ledger, place: impl FnOnce() -> String) {
+    let own = vector_area(opening);
+    if own.dot(vector_area(wall)) < 0.0 {
+        let kind = Kind {
+            fate: Fate::Turned,
+            what: "opening wound against its wall, turned with it",
+            next: "",
+        };
+        ledger.lose(kind, 1, Some(0.5 * own.length()), place);
+        // The first corner stays the first.
+        if let Some(others) = opening.get_mut(1..) {
+            others.reverse();
+        }
+    }
 }
 
 /// Cuts a wall with openings into triangles that have its winding.
@@ -39,7 +51,8 @@ pub(crate) fn cut(
     wall: &[DVec3],
     openings: &[&[DVec3]],
     bounds: &mut Bounds,
-    findings: &mut Findings,
+    ledger: &mut Ledger,
+    place: impl FnOnce() -> String,
 ) -> Result<Vec<[DVec3; 3]>, Error> {
     let mut corners = wall.to_vec();
     let mut holes = Vec::with_capacity(openings.len());
@@ -50,11 +63,12 @@ pub(crate) fn cut(
     bounds.polygon_with_holes(corners.len(), holes.len())?;
     let mut indices = Vec::new();
     match triangulate_with_holes(&corners, &holes, &mut indices) {
+        Triangulation::Done if openings.is_empty() => judge_cut(wall, &indices, ledger, place),
         Triangulation::Done => {}
         // An opening may take all of its wall.
         _ if !openings.is_empty() && wall.len() >= 3 => {}
-        Triangulation::TooFewCorners => findings.count("surface with fewer than 3 corners"),
-        Triangulation::NoArea => findings.count("surface without area"),
+        Triangulation::TooFewCorners => ledger.note("surface with fewer than 3 corners"),
+        Triangulation::NoArea => judge_lost(wall, ledger, place),
     }
     let corner = |&index: &u32| corners.get(index as usize).copied().unwrap_or(DVec3::NAN);
     let triangles: Vec<[DVec3; 3]> = indices
@@ -70,7 +84,7 @@ pub(crate) fn cut(
     if (found - due).abs() <= AREA * area(wall) {
         return Ok(triangles);
     }
-    findings.count("wall with an opening at or over its edge, cut into convex pieces");
+    ledger.note("wall with an opening at or over its edge, cut into convex pieces");
     convex_pieces(wall, openings, bounds)
 }
 
@@ -284,8 +298,8 @@ mod tests {
                 }
                 let openings: Vec<&[DVec3]> = openings.iter().map(Vec::as_slice).collect();
                 let mut bounds = Bounds::new(100, ReadOptions::default());
-                let mut findings = Findings::default();
-                let triangles = cut(wall, &openings, &mut bounds, &mut findings).unwrap();
+                let mut ledger = Ledger::default();
+                let triangles = cut(wall, &openings, &mut bounds, &mut ledger, String::new).unwrap();
                 let vectors = triangles.iter().map(|triangle| 0.5 * vector_area(triangle));
                 let normal = vector_area(wall).normalize();
                 assert!(
@@ -296,7 +310,7 @@ mod tests {
                     (vectors.map(DVec3::length).sum::<f64>() - area).abs() < 1e-12,
                     "{openings:?}"
                 );
-                let cut = findings.get("wall with an opening at or over its edge, cut into convex pieces");
+                let cut = ledger.get("wall with an opening at or over its edge, cut into convex pieces");
                 assert_eq!(cut, pieces.unwrap_or(cut), "{openings:?}");
             }
         }

@@ -11,8 +11,6 @@
 //! coordinates exact, and points on a line stay on it. Everything is relative to the first corner, so that coordinates
 //! in the millions cost no digits, and in units of a power of two near the extent.
 
-#[cfg(any(feature = "obj", feature = "stl", feature = "ply", feature = "_meshes"))]
-use crate::Findings;
 #[cfg(any(
     feature = "obj",
     feature = "stl",
@@ -22,6 +20,7 @@ use crate::Findings;
 ))]
 use crate::Triangle;
 use crate::repair::{Shape, half_difference, power_of_two, relative};
+use crate::{Fate, Kind, Ledger};
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
 
@@ -34,6 +33,15 @@ pub(crate) enum Triangulation {
     TooFewCorners,
     /// Its corners lie on a line or a point, or its crossing loops cancel: no triangles.
     NoArea,
+}
+
+/// Twice the vector area of a polygon (Newell).
+pub(crate) fn vector_area(corners: &[DVec3]) -> DVec3 {
+    let Some(&first) = corners.first() else {
+        return DVec3::ZERO;
+    };
+    let cross = |edge: &[DVec3]| (edge[0] - first).cross(edge[1] - first);
+    corners.windows(2).map(cross).sum()
 }
 
 /// Appends the triangles of a polygon to `out`, as indices into `corners` and with the polygon's winding.
@@ -131,14 +139,66 @@ pub(crate) struct Labels {
     pub(crate) face: u32,
 }
 
-/// Cuts a face into triangles, as `cut`, and counts faces that have none.
-#[cfg(any(feature = "obj", feature = "stl", feature = "ply", feature = "_meshes"))]
-pub(crate) fn cut_face(corners: &[DVec3], cut: &mut Vec<[u32; 3]>, findings: &mut Findings) {
+/// Relative difference in area between the triangles of a polygon and its outline from which it crosses itself or is
+/// far from plane: a corner an eighth of the width off the plane of a square. Smaller ones come of modelling, and
+/// their triangles are what the file says; a larger bound would leave out crossings at the edge.
+const AREA_EXCESS_MAX: f64 = 1e-2;
+
+/// Area, by the extent squared, up to which a polygon without a front has none.
+const NO_AREA: f64 = 1e-6;
+
+/// Judges the triangles of a polygon of more than three corners by their area.
+pub(crate) fn judge_cut(corners: &[DVec3], cut: &[[u32; 3]], ledger: &mut Ledger, place: impl FnOnce() -> String) {
+    if corners.len() < 4 || !corners.iter().all(|corner| corner.is_finite()) {
+        return;
+    }
+    if area_excess(corners, cut).abs() > AREA_EXCESS_MAX {
+        let kind = Kind {
+            fate: Fate::Approximated,
+            what: "face that crosses itself or is far from plane, cut into triangles",
+            next: "cut it into triangles in the modeller",
+        };
+        ledger.lose(kind, 1, Some(0.5 * vector_area(corners).length()), place);
+    }
+}
+
+/// Records a polygon without area: on a line or a point, or with crossing loops that cancel.
+pub(crate) fn judge_lost(corners: &[DVec3], ledger: &mut Ledger, place: impl FnOnce() -> String) {
+    let origin = corners.first().copied().unwrap_or_default();
+    let extent = corners.iter().map(|corner| corner.distance(origin)).fold(0.0, f64::max);
+    let twice = |edge: &[DVec3]| (edge[0] - origin).cross(edge[1] - origin).length();
+    let area = 0.5 * corners.windows(2).map(twice).sum::<f64>();
+    if area > NO_AREA * extent * extent {
+        let kind = Kind {
+            fate: Fate::LeftOut,
+            what: "face that crosses itself and has no front",
+            next: "mend the order of its corners",
+        };
+        ledger.lose(kind, 1, Some(area), place);
+    } else {
+        ledger.note("face without area");
+    }
+}
+
+/// Cuts a face into triangles, as `cut`; records faces that have none, or another area than their outline.
+#[cfg(any(
+    feature = "obj",
+    feature = "stl",
+    feature = "ply",
+    feature = "ac3d",
+    feature = "_meshes"
+))]
+pub(crate) fn cut_face(
+    corners: &[DVec3],
+    cut: &mut Vec<[u32; 3]>,
+    ledger: &mut Ledger,
+    place: impl FnOnce() -> String,
+) {
     cut.clear();
     match triangulate(corners, cut) {
-        Triangulation::Done => {}
-        Triangulation::TooFewCorners => findings.count("face with fewer than 3 corners"),
-        Triangulation::NoArea => findings.count("face without area"),
+        Triangulation::Done => judge_cut(corners, cut, ledger, place),
+        Triangulation::TooFewCorners => ledger.note("face with fewer than 3 corners"),
+        Triangulation::NoArea => judge_lost(corners, ledger, place),
     }
 }
 
@@ -262,7 +322,6 @@ fn projection(normal: DVec3) -> fn(DVec3) -> DVec2 {
 
 /// Excess of the summed area of a polygon's triangles over that of its outline, relative to the latter. Above rounding
 /// for a polygon that is not planar or crosses itself.
-#[cfg(feature = "obj")]
 pub(crate) fn area_excess(corners: &[DVec3], triangles: &[[u32; 3]]) -> f64 {
     let Some(&origin) = corners.first() else { return 0.0 };
     let halves = corners.iter().map(|&p| half_difference(p, origin));

@@ -1,5 +1,5 @@
-//! Drops triangles that cannot be patches, and counts each. The rules depend on the triangle alone, not on its place or
-//! size.
+//! Drops triangles that cannot be patches, and records each in the scene's [ledger](crate::Ledger). The rules depend on
+//! the triangle alone, not on its place or size.
 //!
 //! 1. **Not finite**: a corner with an infinite coordinate or a NaN. Dropped.
 //! 2. **Degenerate**: with ℓ the longest edge, h the height over it and m the largest coordinate by magnitude,
@@ -21,11 +21,19 @@
 //! 4. **Reversed duplicate**: same corners as an earlier triangle, but none of its sides is there yet: two one-sided
 //!    triangles back to back, such as a wall between two rooms. Kept, only counted.
 //!
-//! After rules 1 to 3 no two patches of the scene coincide. The rest keep their order and their face numbers.
+//! Before rules 3 and 4, faces of several triangles are held against each other by their outlines, whatever corner they
+//! begin at and whichever diagonal they are cut along: a face in the very place of an earlier one, facing alike, is
+//! dropped as in rule 3; one back to back with it is cut into its triangles, turned round, as otherwise each would hide
+//! parts of the other.
+//!
+//! After these rules no two patches of the scene coincide, unless their polygons differ. The rest keep their order and their face numbers.
 
-use crate::{Scene, Triangle};
+mod outline;
+
+use crate::{Fate, Kind, Ledger, Scene, Triangle};
 use glam::DVec3;
 use std::cmp::Ordering;
+use std::collections::BTreeMap;
 
 /// Exceptions from [`repair`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,6 +55,10 @@ pub struct RepairReport {
     pub duplicates_dropped: u64,
     /// Kept: back to back with an earlier triangle.
     pub reversed_duplicates: u64,
+    /// Faces of several triangles among the duplicates that differ in their triangles.
+    pub duplicate_faces: u64,
+    /// Faces of several triangles cut anew, back to back with an earlier face.
+    pub reversed_faces: u64,
 }
 
 /// Drops triangles that cannot be patches; see the [rules](self).
@@ -66,26 +78,174 @@ pub struct RepairReport {
 /// ```
 pub fn repair(scene: &mut Scene, options: RepairOptions) -> RepairReport {
     let mut report = RepairReport::default();
-    scene.triangles.retain(|triangle| {
+    let Scene {
+        triangles,
+        objects,
+        ledger,
+        ..
+    } = scene;
+    let place = |triangle: &Triangle| {
+        let object = objects.get(triangle.object as usize).map_or("", String::as_str);
+        let name: String = object
+            .chars()
+            .filter(|&c| !crate::is_unseen(c))
+            .take(NAME_SHOWN)
+            .collect();
+        let face = triangle.face;
+        if name.is_empty() {
+            format!("face {face}")
+        } else {
+            format!("`{name}`, face {face}")
+        }
+    };
+    triangles.retain(|triangle| {
         if !triangle.corners.iter().all(|corner| corner.is_finite()) {
             report.non_finite += 1;
+            ledger.lose(NOT_FINITE, 1, None, || place(triangle));
             return false;
         }
         let degenerate = Shape::of(&triangle.corners).is_degenerate();
         report.degenerate += u64::from(degenerate);
+        if degenerate {
+            ledger.lose(DEGENERATE, 1, Some(0.0), || place(triangle));
+        }
         !degenerate
     });
 
-    let mut dropped = vec![false; scene.triangles.len()];
-    for group in coincident(&scene.triangles) {
-        settle(&mut scene.triangles, &group, options, &mut dropped, &mut report);
+    let mut dropped = vec![false; triangles.len()];
+    settle_faces(triangles, options, &mut dropped, &mut report, ledger, &place);
+    drop_marked(triangles, &mut dropped);
+    for group in coincident(triangles) {
+        settle(triangles, &group, options, &mut dropped, &mut report);
     }
-    if report.duplicates > 0 && !options.keep_duplicates {
-        let mut drop = dropped.iter();
-        scene.triangles.retain(|_| drop.next() != Some(&true));
+    if !options.keep_duplicates {
+        for (triangle, _) in triangles.iter().zip(&dropped).filter(|(_, dropped)| **dropped) {
+            let area = Shape::of(&triangle.corners).area();
+            ledger.lose(DUPLICATE, 1, Some(area), || place(triangle));
+        }
+        drop_marked(triangles, &mut dropped);
         report.duplicates_dropped = report.duplicates;
     }
     report
+}
+
+/// Most characters of a name in a place.
+const NAME_SHOWN: usize = 80;
+const NOT_FINITE: Kind<'static> = Kind {
+    fate: Fate::LeftOut,
+    what: "triangle with coordinates that are not finite",
+    next: "",
+};
+const DEGENERATE: Kind<'static> = Kind {
+    fate: Fate::LeftOut,
+    what: "triangle without area",
+    next: "",
+};
+const DUPLICATE: Kind<'static> = Kind {
+    fate: Fate::Merged,
+    what: "triangle in the very place of another",
+    next: "",
+};
+const DUPLICATE_FACE: Kind<'static> = Kind {
+    fate: Fate::Merged,
+    what: "face in the very place of another, with another first corner or diagonal",
+    next: "",
+};
+
+fn drop_marked(triangles: &mut Vec<Triangle>, marked: &mut Vec<bool>) {
+    if marked.contains(&true) {
+        let mut drop = marked.iter();
+        triangles.retain(|_| drop.next() != Some(&true));
+        *marked = vec![false; triangles.len()];
+    }
+}
+
+/// Drops faces that lie in the place of earlier ones, and cuts those back to back with them alike. Faces whose
+/// triangles are the same are left to the rules of triangles.
+fn settle_faces(
+    triangles: &mut Vec<Triangle>,
+    options: RepairOptions,
+    dropped: &mut Vec<bool>,
+    report: &mut RepairReport,
+    ledger: &mut Ledger,
+    place: &impl Fn(&Triangle) -> String,
+) {
+    let places = |range: std::ops::Range<usize>, all: &[Triangle]| {
+        let mut of: Vec<Place> = all[range].iter().map(|triangle| self::place(triangle).0).collect();
+        of.sort_unstable();
+        of
+    };
+    // Faces cut anew, by their first triangle: how many there are, and what comes in their place.
+    let mut anew: BTreeMap<usize, (usize, Vec<Triangle>)> = BTreeMap::new();
+    for group in outline::coincident(triangles) {
+        // The faces that radiate from the side of either sense.
+        let mut owners: [Option<usize>; 2] = [None, None];
+        for (number, face) in group.iter().enumerate() {
+            let first = triangles[face.triangles.start];
+            let (front, back) = (usize::from(face.is_along), usize::from(!face.is_along));
+            let earlier = owners[front].or(owners[back]);
+            let Some(earlier) = earlier else {
+                owners[front] = Some(number);
+                if first.two_sided {
+                    owners[back] = Some(number);
+                }
+                continue;
+            };
+            let of_earlier = group[earlier].triangles.clone();
+            if places(face.triangles.clone(), triangles) == places(of_earlier.clone(), triangles) {
+                // Rules 3 and 4 find each of its triangles.
+                owners[front] = owners[front].or(Some(number));
+                continue;
+            }
+            let shares = owners[front].is_some() || first.two_sided;
+            if shares {
+                if options.keep_duplicates {
+                    report.duplicates += face.triangles.len() as u64;
+                    continue;
+                }
+                report.duplicates += face.triangles.len() as u64;
+                report.duplicate_faces += 1;
+                let area = triangles[face.triangles.clone()].iter();
+                let area = area.map(|triangle| Shape::of(&triangle.corners).area()).sum();
+                ledger.lose(DUPLICATE_FACE, 1, Some(area), || place(&first));
+                dropped[face.triangles.clone()].fill(true);
+                if first.two_sided && (owners[front].is_none() || owners[back].is_none()) {
+                    owners = [Some(earlier); 2];
+                    triangles[of_earlier]
+                        .iter_mut()
+                        .for_each(|triangle| triangle.two_sided = true);
+                }
+                continue;
+            }
+            owners[front] = Some(number);
+            report.reversed_faces += 1;
+            let turned = triangles[of_earlier].iter().map(|triangle| {
+                let [a, b, c] = triangle.corners;
+                Triangle {
+                    corners: [a, c, b],
+                    ..first
+                }
+            });
+            anew.insert(face.triangles.start, (face.triangles.len(), turned.collect()));
+        }
+    }
+    if anew.is_empty() {
+        return;
+    }
+    let old = std::mem::take(triangles);
+    let marked = std::mem::take(dropped);
+    let mut at = 0;
+    while at < old.len() {
+        if let Some((count, mut now)) = anew.remove(&at) {
+            dropped.resize(dropped.len() + now.len(), false);
+            triangles.append(&mut now);
+            at += count;
+        } else {
+            dropped.push(marked[at]);
+            triangles.push(old[at]);
+            at += 1;
+        }
+    }
 }
 
 /// Longest edge and height of a triangle with finite corners.

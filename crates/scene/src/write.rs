@@ -5,7 +5,7 @@
 //! same triangles bit for bit, with the same object and material names; its face numbers count triangles. OBJ has no
 //! two-sided triangles.
 
-use crate::{Findings, Scene};
+use crate::{Ledger, Scene};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt;
@@ -36,7 +36,7 @@ pub const CHANGED_NAME: &str = "name changed for OBJ";
 /// assert_eq!(read.objects, scene.objects);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn obj(scene: &Scene, out: &mut impl Write) -> io::Result<Findings> {
+pub fn obj(scene: &Scene, out: &mut impl Write) -> io::Result<Ledger> {
     write_obj(scene, None, out)
 }
 
@@ -44,7 +44,7 @@ pub fn obj(scene: &Scene, out: &mut impl Write) -> io::Result<Findings> {
 ///
 /// # Errors
 /// As [`obj`]; and when `library` is no single file name.
-pub fn obj_with_library(scene: &Scene, library: &str, out: &mut impl Write) -> io::Result<Findings> {
+pub fn obj_with_library(scene: &Scene, library: &str, out: &mut impl Write) -> io::Result<Ledger> {
     if library.is_empty() || library.contains('/') || matches!(line_text(library), Cow::Owned(_)) {
         return Err(invalid(format!(
             "`{}` is no name for a material library beside an OBJ file",
@@ -80,17 +80,17 @@ pub fn mtl(scene: &Scene, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-fn write_obj(scene: &Scene, library: Option<&str>, out: &mut impl Write) -> io::Result<Findings> {
-    let mut findings = Findings::default();
+fn write_obj(scene: &Scene, library: Option<&str>, out: &mut impl Write) -> io::Result<Ledger> {
+    let mut ledger = Ledger::default();
     let names = scene
         .objects
         .iter()
         .chain(scene.materials.iter().map(|material| &material.name));
-    findings.count_many(
+    ledger.note_many(
         CHANGED_NAME,
         names.filter(|n| matches!(line_text(n), Cow::Owned(_))).count() as u64,
     );
-    findings.count_many(TWO_SIDED, scene.triangles.iter().filter(|t| t.two_sided).count() as u64);
+    ledger.note_many(TWO_SIDED, scene.triangles.iter().filter(|t| t.two_sided).count() as u64);
 
     if let Some(library) = library {
         writeln!(out, "mtllib {library}")?;
@@ -156,7 +156,7 @@ fn write_obj(scene: &Scene, library: Option<&str>, out: &mut impl Write) -> io::
             writeln!(out, "f {a} {b} {c}")?;
         }
     }
-    Ok(findings)
+    Ok(ledger)
 }
 
 fn invalid(message: String) -> io::Error {
@@ -198,10 +198,10 @@ mod tests {
     use crate::{Material, Triangle};
     use glam::DVec3;
 
-    fn text(scene: &Scene) -> (String, Findings) {
+    fn text(scene: &Scene) -> (String, Ledger) {
         let mut out = Vec::new();
-        let findings = obj(scene, &mut out).unwrap();
-        (String::from_utf8(out).unwrap(), findings)
+        let ledger = obj(scene, &mut out).unwrap();
+        (String::from_utf8(out).unwrap(), ledger)
     }
 
     fn scene(corners: &[[DVec3; 3]], objects: &[&str], materials: &[&str]) -> Scene {
@@ -234,12 +234,12 @@ mod tests {
 
     #[test]
     fn vertices_are_shared_and_names_kept() {
-        let (text, findings) = text(&scene(&[T, U], &["a b", "c"], &["m", "n"]));
+        let (text, ledger) = text(&scene(&[T, U], &["a b", "c"], &["m", "n"]));
         assert_eq!(
             text,
             "o a b\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\no c\nv 0 0 1\nusemtl n\nf 2 4 3\n"
         );
-        assert_eq!(findings, Findings::default());
+        assert_eq!(ledger, Ledger::default());
     }
 
     #[test]
@@ -254,10 +254,10 @@ mod tests {
 
     #[test]
     fn what_a_line_cannot_hold_is_replaced_and_counted() {
-        let (text, findings) = text(&scene(&[T], &["a\nf 1 1 1"], &[" # \\"]));
+        let (text, ledger) = text(&scene(&[T], &["a\nf 1 1 1"], &[" # \\"]));
         assert!(text.starts_with("o a_f 1 1 1\nv "), "{text}");
         assert!(text.contains("usemtl __ _\n"), "{text}");
-        assert_eq!(findings.get(CHANGED_NAME), 2);
+        assert_eq!(ledger.get(CHANGED_NAME), 2);
     }
 
     #[test]

@@ -185,13 +185,16 @@ fn surface_and_volume_elements_of_gmsh() {
         names.sort();
         if name.contains("volume") {
             assert_eq!(names, ["air"], "{name}");
-            assert!(scene.findings.warnings[0].contains("no surface cells"), "{name}");
+            assert!(scene.ledger.warnings[0].contains("no surface cells"), "{name}");
         } else {
             assert_eq!(names, ["ceiling", "floor", "walls", "window"], "{name}");
             let of = |object: &str| objects(&scene).iter().filter(|&&name| name == object).count();
             assert!(of("floor") >= 2 && of("window") >= 2, "{name}");
-            let higher = scene.findings.get("element of higher order, read by its corners");
-            assert_eq!(higher > 0, name.contains("second-order"), "{name}");
+            let second = scene
+                .ledger
+                .get("element of second order, cut by its mid-side nodes where they are off its edges");
+            assert_eq!(second > 0, name.contains("second-order"), "{name}");
+            assert_eq!(scene.ledger.losses().count(), 0, "{name}: {}", scene.ledger);
         }
     }
 }
@@ -319,11 +322,11 @@ fn sets_surfaces_instances_and_files_of_abaqus() {
         "without the top: {:?}",
         sums["skin"]
     );
-    assert_eq!(solid.findings.get("side of several surfaces, put into the first"), 1);
+    assert_eq!(solid.ledger.get("side of several surfaces, put into the first"), 1);
     let both = scene("ok-both-sides.inp");
     assert_eq!(by_object(&both)["up"].1, 12.0 * DVec3::Z);
     assert_eq!(by_object(&both)["down"].1, -12.0 * DVec3::Z);
-    assert_eq!(both.findings.get("edge of a shell in a surface, left out"), 1);
+    assert_eq!(both.ledger.get("edge of a shell in a surface, left out"), 1);
     // Listed numbers before the sets of elements; all of `b` only for materials.
     let sets = scene("ok-sets.inp");
     assert_eq!(objects(&sets), ["floor", "floor", "a", "a"]);

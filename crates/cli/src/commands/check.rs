@@ -1,6 +1,7 @@
 //! `hemicube check`: the properties of a form-factor matrix, checked on a store.
 
 use crate::args::{Report as ReportArguments, Talk, not_negative};
+use crate::escape::shown;
 use crate::exit::Exit;
 use crate::help::examples;
 use crate::level::percentage;
@@ -12,6 +13,7 @@ use clap::Args;
 use hemicube::analysis::balance::BalanceEntry;
 use hemicube::analysis::check::verdict::{Doubt, State, Subject, Verdict};
 use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
+use hemicube::driver::settings::{LossRecord, ReadingRecord};
 use hemicube::store::{Form, Store};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -72,6 +74,8 @@ struct Report<'a> {
     version: &'static str,
     #[serde(flatten)]
     check: &'a CheckReport,
+    /// What was not taken as the scene's file says.
+    losses: Vec<LossRecord>,
     /// The last balancing of the matrix, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     balance: Option<&'a BalanceEntry>,
@@ -100,6 +104,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             program: "hemicube",
             version: env!("CARGO_PKG_VERSION"),
             check: &found,
+            losses: ReadingRecord::of_settings(&store.manifest().settings).losses,
             balance: store.manifest().balance.as_ref(),
         })?;
     }
@@ -119,6 +124,7 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
         format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count)
     };
     let mut list = Listing::default();
+    let reading = ReadingRecord::of_settings(&manifest.settings);
     let scene = format!("of `{}`", manifest.scene.file);
     list.add(
         "matrix",
@@ -157,6 +163,17 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
             "left out",
             format!("{entries}form factors below {}", figures(manifest.min_factor)),
         );
+    }
+    for sentence in reading
+        .warnings
+        .iter()
+        .cloned()
+        .chain(reading.losses.iter().map(LossRecord::sentence))
+    {
+        list.add("of the file", shown(&sentence).into_owned());
+    }
+    if let Some(crs) = &reading.crs {
+        list.add("coordinates", format!("in `{}`", shown(crs)));
     }
     if let Some(balance) = &manifest.balance {
         list.add("balanced", super::balance::summary(balance));

@@ -492,6 +492,9 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     drop(stage);
     prepared.tell(talk);
     tell_portals(&portals, talk);
+    if let Some(sentence) = enclosure::of_overlaps(&prepared, arguments.render.thread_count()) {
+        talk.warn(&sentence);
+    }
     let sessions = Sessions {
         rows: backend,
         calibration: arguments.render.open_backend(Talk::SILENT)?,

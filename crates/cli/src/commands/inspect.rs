@@ -18,6 +18,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use forecast::forecast;
 use hemicube::diagnose::{DiagnoseOptions, SceneStatistics, diagnose};
+use hemicube::driver::settings::LossRecord;
 use hemicube_scene::survey::survey;
 use report::{Report, Timings, diagnosis_report, enclosure_report, octree_report, patch_report, scene_report};
 use std::path::PathBuf;
@@ -111,8 +112,20 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         version: env!("CARGO_PKG_VERSION"),
         scene: scene_report(&prepared, surveyed),
         repair: RepairCounts::from(&prepared.scene.repaired),
-        findings: prepared.scene.findings.counts.clone(),
-        warnings: prepared.scene.findings.warnings.clone(),
+        losses: prepared
+            .scene
+            .ledger
+            .losses()
+            .map(|(what, loss)| LossRecord::of(what, loss))
+            .collect(),
+        noted: prepared
+            .scene
+            .ledger
+            .notes()
+            .map(|(what, count)| (what.to_owned(), count))
+            .collect(),
+        warnings: prepared.scene.ledger.warnings.clone(),
+        crs: prepared.scene.crs.clone(),
         patches: patch_report(&prepared),
         octree: octree_report(&prepared.model),
         diagnosis,
@@ -135,7 +148,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     if !arguments.report.is_to_stdout() {
         print(&text(&report))?;
     }
-    for warning in &report.warnings {
+    for warning in &prepared.scene.ledger.sentences() {
         talk.warn(warning);
     }
     if let Some(json) = json {

@@ -6,6 +6,7 @@ mod output;
 mod sensors;
 
 use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
@@ -88,7 +89,7 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR[:NAME]",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates",
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates",
             "specular", "symmetry", "sector", "periodic"],
         help_heading = "Heat"
     )]
@@ -289,6 +290,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
     };
     prepared.tell(talk);
+    enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, 0.0);

@@ -1,6 +1,7 @@
 //! `hemicube sky`: views of the sky, the ground and the sun, from patches and points.
 
 use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::help::{examples, scene_help};
 use crate::level::percentage;
@@ -65,7 +66,7 @@ pub(crate) struct Arguments {
         long,
         value_name = "DIR",
         group = "place",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
     )]
     pub(crate) store: Option<PathBuf>,
     /// The directory to write to
@@ -369,6 +370,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         None => None,
     };
     prepared.tell(talk);
+    enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, arguments.north);

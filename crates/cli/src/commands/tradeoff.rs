@@ -391,6 +391,9 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
     for glob in &patches.flip {
         add("flip", Some(word(glob.as_ref())));
     }
+    for glob in &patches.exclude {
+        add("exclude", Some(word(glob.as_ref())));
+    }
     add(
         "up",
         patches.up.map(|axis| {

@@ -59,7 +59,9 @@ impl SolverWriter for Udales {
                         face.blocked,
                         job.faces.named(place)
                     ),
-                    "turn what faces inwards by `compute --flip`; `hemicube inspect` names it",
+                    "walls of joined houses that touch, and ground under houses, are no facets of a city: take them away \
+                     in the modeller, or by `compute --exclude NAME` where they are objects; what faces inwards otherwise is \
+                     named by `hemicube inspect`, and turned by `compute --flip`",
                 ));
             }
             let row = job.faces.row(place)?;

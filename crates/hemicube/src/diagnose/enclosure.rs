@@ -19,7 +19,7 @@
 //! each group of objects that share corners, the groups that face a closed inside while others see their backs (by
 //! those), a ground that faces down, and all; then the next, until no turn is worth it. An object or group must be
 //! turned to face a nearly closed space, and all must see more fronts than before, and fewer than backs unless they see
-//! nothing: a room turned outwards sees nothing, and so no back. Two-sided surfaces have no back and are never turned.
+//! nothing: a room turned outwards sees nothing, and so no back. Objects must see more of others' fronts once turned. Two-sided surfaces have no back and are never turned.
 //!
 //! Where the sample leaves surfaces out, a few patches may see the back of a building and none its front. An object or
 //! group to be turned is then examined by rays from both sides of all its surfaces, up to [`CONFIRMED_MAX`]: by
@@ -641,6 +641,30 @@ impl Rays<'_> {
         !is_unseen && seen >= BACKS * (fronts + seen) && (hidden[1] <= OPEN * all || is_hollow)
     }
 
+    /// Returns whether these and others see more of each other's fronts `after` than with `turned`: tubes in a furnace
+    /// whose walls face out lose as few views by being turned as the walls do, but see nothing then but their insides.
+    fn meets_more_fronts(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, after: &BTreeSet<u32>) -> bool {
+        let mut entries: Vec<usize> = objects
+            .iter()
+            .filter_map(|o| self.of.get(o))
+            .flatten()
+            .copied()
+            .collect();
+        entries.sort_unstable();
+        entries.dedup();
+        let fronts = |turned: &BTreeSet<u32>| -> f64 {
+            let of = entries.iter().map(|&entry| self.list[entry]).filter(|(kind, _)| {
+                let is_apart = match kind.to {
+                    To::Nothing => false,
+                    To::Front(to) | To::Back(to) => objects.contains(&to) != objects.contains(&kind.from),
+                };
+                is_apart && Self::is_active(*kind, turned) && !Self::meets_back(*kind, turned)
+            });
+            of.map(|(_, count)| count.weight).sum()
+        };
+        fronts(after) > fronts(turned)
+    }
+
     /// Returns whether these face up and see nothing but sky, in a scene that is open anyway: a roof on posts, a
     /// canopy, a solar panel. Their undersides see what they shade, and a roof's its attic.
     fn is_roof(&self, objects: &BTreeSet<u32>, turned: &BTreeSet<u32>, after: &BTreeSet<u32>) -> bool {
@@ -829,7 +853,11 @@ impl Rays<'_> {
             };
             let worth = saved > WORTH * self.whole && rays_saved >= WORTH_RAYS;
             let turns_to_others = |turn| match turn {
-                Turn::Objects => self.faces_away(objects, turned) && !self.is_roof(objects, turned, &after),
+                Turn::Objects => {
+                    self.faces_away(objects, turned)
+                        && !self.is_roof(objects, turned, &after)
+                        && self.meets_more_fronts(objects, turned, &after)
+                }
                 Turn::All if blind.is_empty() && self.is_roof(objects, turned, &after) => false,
                 Turn::All => self.is_better_turned(turned, &after, blind),
                 _ => true,

@@ -1,6 +1,6 @@
 //! Scenes on their way to a model: settings applied, triangles repaired, patches cut.
 
-use crate::driver::selection::{NoMatch, flip};
+use crate::driver::selection::{NoMatch, exclude, flip};
 use crate::driver::settings::axis_name;
 use crate::{HierarchyOptions, Model, ModelError};
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
@@ -29,6 +29,8 @@ pub struct SceneSettings {
     pub two_sided: Option<bool>,
     /// Globs for objects whose one-sided triangles are turned round; `all` stands for every object.
     pub flip: Vec<String>,
+    /// Globs for objects and materials whose triangles are left out.
+    pub exclude: Vec<String>,
     /// True to keep exact duplicates of triangles.
     pub keep_duplicates: bool,
     /// Factor on coordinates, above 0.
@@ -43,6 +45,7 @@ impl Default for SceneSettings {
             subdivision: Subdivision::None,
             two_sided: None,
             flip: Vec::new(),
+            exclude: Vec::new(),
             keep_duplicates: false,
             scale: 1.0,
             up: None,
@@ -109,7 +112,7 @@ impl SceneInput {
     /// Applies `settings` to `scene` and repairs it ([`mod@hemicube_scene::repair`]).
     ///
     /// # Errors
-    /// When a glob of `settings.flip` matches no object with one-sided triangles.
+    /// When a glob of `settings.flip` matches no object with one-sided triangles, or one of `settings.exclude` nothing.
     pub fn new(mut scene: Scene, file: impl Into<PathBuf>, settings: SceneSettings) -> Result<Self, NoMatch> {
         let triangles_read = scene.triangles.len() as u64;
         if let Some(axis) = settings.up {
@@ -126,6 +129,7 @@ impl SceneInput {
                 triangle.two_sided = two_sided;
             }
         }
+        exclude(&mut scene, &settings.exclude)?;
         flip(&mut scene, &settings.flip)?;
         let options = RepairOptions {
             keep_duplicates: settings.keep_duplicates,

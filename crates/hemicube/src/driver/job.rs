@@ -19,7 +19,7 @@ use crate::driver::input::SceneInput;
 use crate::driver::level::{Asked, Level, LevelError, Rows};
 use crate::driver::probe::Probe;
 use crate::driver::selection::{Names, NoMatch};
-use crate::driver::settings::RowSettings;
+use crate::driver::settings::{ReadingRecord, RowSettings};
 use crate::driver::storage_policy::StoragePolicy;
 use crate::portal::{Images, Portals};
 use crate::store::{
@@ -500,6 +500,7 @@ impl Job {
             subdivision: given.subdivision.into(),
             two_sided: given.two_sided_name(),
             flip: given.flip.clone(),
+            exclude: given.exclude.clone(),
             keep_duplicates: given.keep_duplicates,
             scale: given.scale,
             up: scene.up_name(),
@@ -511,6 +512,7 @@ impl Job {
             patches: self.patches,
             elements: plan.groups.as_ref().map(|groups| groups.grouping.elements() as u64),
             portals: (!self.portals.is_empty()).then(|| self.portals.record()),
+            reading: ReadingRecord::of(scene),
         }
     }
 

@@ -66,7 +66,7 @@ pub fn flip(scene: &mut Scene, globs: &[String]) -> Result<usize, NoMatch> {
     let mut chosen = vec![false; scene.objects.len().max(1)];
     for glob in globs {
         let matching: Vec<bool> = (0..chosen.len())
-            .map(|object| glob == "all" || scene.objects.get(object).is_some_and(|name| matches_glob(glob, name)))
+            .map(|object| glob == "all" || matches_object(scene, object, glob))
             .collect();
         let is_of = |object: u32| matching.get(object as usize).copied().unwrap_or(false);
         if !scene
@@ -105,11 +105,63 @@ pub fn flip(scene: &mut Scene, globs: &[String]) -> Result<usize, NoMatch> {
     Ok(turned)
 }
 
+/// Takes the triangles out of a scene whose object or material matches one of `globs`. Returns their number.
+///
+/// # Errors
+/// When a glob matches nothing.
+///
+/// ```
+/// use hemicube::driver::selection::exclude;
+/// use hemicube_scene::generate;
+///
+/// let mut room = generate::cornell_box();
+/// let whole = room.triangles.len();
+/// let left_out = exclude(&mut room, &["*_block".to_owned()])?;
+/// assert!(left_out > 0 && room.triangles.len() == whole - left_out);
+/// assert!(exclude(&mut room, &["*_block".to_owned()]).is_err(), "they are gone");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn exclude(scene: &mut Scene, globs: &[String]) -> Result<usize, NoMatch> {
+    let whole = scene.triangles.len();
+    for glob in globs {
+        let objects = matching_objects(scene, glob);
+        let materials: Vec<bool> = scene.materials.iter().map(|of| matches_glob(glob, &of.name)).collect();
+        let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
+        let before = scene.triangles.len();
+        scene
+            .triangles
+            .retain(|triangle| !is(&objects, triangle.object) && !is(&materials, triangle.material));
+        if scene.triangles.len() == before {
+            return Err(NoMatch {
+                list: "exclude",
+                glob: glob.clone(),
+                there: names(scene),
+            });
+        }
+    }
+    Ok(whole - scene.triangles.len())
+}
+
+/// Returns whether an object has a name that matches a glob, its further names included.
+pub fn matches_object(scene: &Scene, object: usize, glob: &str) -> bool {
+    let number = u32::try_from(object).unwrap_or(u32::MAX);
+    let further = scene.further_names.get(&number).into_iter().flatten();
+    let mut all = scene.objects.get(object).into_iter().chain(further);
+    all.any(|name| matches_glob(glob, name))
+}
+
+/// Whether each object of a scene matches a glob.
+pub fn matching_objects(scene: &Scene, glob: &str) -> Vec<bool> {
+    (0..scene.objects.len())
+        .map(|object| matches_object(scene, object, glob))
+        .collect()
+}
+
 /// A glob matches nothing of the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{glob}` matches no object and no material of a patch; {there}")]
 pub struct NoMatch {
-    /// Its list: `emitters`, `receivers`, `occluders` or `flip`.
+    /// Its list: `emitters`, `receivers`, `occluders`, `flip` or `exclude`.
     pub list: &'static str,
     /// The glob.
     pub glob: String,
@@ -221,7 +273,7 @@ fn matching(
     }
     let mut found = vec![false; patches.len()];
     for glob in globs {
-        let objects: Vec<bool> = scene.objects.iter().map(|name| matches_glob(glob, name)).collect();
+        let objects = matching_objects(scene, glob);
         let materials: Vec<bool> = scene
             .materials
             .iter()
@@ -268,6 +320,7 @@ fn names(scene: &Scene) -> String {
     let objects = scene
         .objects
         .iter()
+        .chain(scene.further_names.values().flatten())
         .map(String::as_str)
         .filter(|name| !name.is_empty())
         .collect();

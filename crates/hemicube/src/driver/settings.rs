@@ -5,8 +5,10 @@ use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
 use crate::portal::PortalRecord;
 use crate::store::{BackendEntry, Error, Header, SceneEntry, scene_hash};
-use hemicube_scene::{Axis, Patches, Scene, Subdivision};
-use serde::Serialize;
+use hemicube_scene::{Axis, Fate, Loss, Patches, Scene, Subdivision};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Name of this program in manifests: its version, a plus sign, and a number raised whenever the same settings and
@@ -60,6 +62,9 @@ pub struct RowSettings {
     /// Names of objects with their one-sided triangles turned round, or `all`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flip: Vec<String>,
+    /// Names of objects and materials that were left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub exclude: Vec<String>,
     /// True if triangles that lie exactly on others were kept.
     pub keep_duplicates: bool,
     /// Factor on coordinates.
@@ -86,6 +91,101 @@ pub struct RowSettings {
     /// Mirrors, panes, planes of symmetry, sectors, periods; absent without any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub portals: Option<PortalRecord>,
+    /// How the scene was read, where that says something.
+    #[serde(skip_serializing_if = "ReadingRecord::is_empty")]
+    pub reading: ReadingRecord,
+}
+
+/// How a scene was read: what was not taken as its file says, and what its file says beyond its triangles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ReadingRecord {
+    /// What was not taken as the file says; see [`hemicube_scene::Ledger`].
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub losses: Vec<LossRecord>,
+    /// Sentences on what the file as a whole lacks.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+    /// Further names of objects, by their number.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub further_names: BTreeMap<u32, Vec<String>>,
+    /// The coordinate reference system.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crs: Option<String>,
+}
+
+/// A kind of loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LossRecord {
+    /// What became of it: `left out`, `approximated`, `merged`, `turned round`, `doubtful`.
+    pub fate: String,
+    /// The thing, in the singular.
+    pub what: String,
+    /// Number of cases.
+    pub count: u64,
+    /// Area in the scene's unit squared, where it is known of all cases.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub area: Option<f64>,
+    /// Where the first one is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first: Option<String>,
+    /// The next thing to try.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub next: Option<String>,
+}
+
+impl LossRecord {
+    /// The record of a loss of the thing `what`.
+    pub fn of(what: &str, loss: &Loss) -> Self {
+        Self {
+            fate: loss.fate.name().to_owned(),
+            what: what.to_owned(),
+            count: loss.count,
+            area: loss.area,
+            first: loss.first.clone(),
+            next: loss.next.clone(),
+        }
+    }
+
+    /// The sentence on it.
+    pub fn sentence(&self) -> String {
+        let loss = Loss {
+            fate: Fate::of_name(&self.fate).unwrap_or(Fate::Doubtful),
+            count: self.count,
+            area: self.area,
+            first: self.first.clone(),
+            next: self.next.clone(),
+        };
+        loss.sentence(&self.what)
+    }
+}
+
+impl ReadingRecord {
+    /// The record of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        Self {
+            losses: scene
+                .ledger
+                .losses()
+                .map(|(what, loss)| LossRecord::of(what, loss))
+                .collect(),
+            warnings: scene.ledger.warnings.clone(),
+            further_names: scene.further_names.clone(),
+            crs: scene.crs.clone(),
+        }
+    }
+
+    /// The record in the settings of a matrix; empty where there is none, or none that is known.
+    pub fn of_settings(settings: &Value) -> Self {
+        let record = settings.get("reading").cloned();
+        record
+            .and_then(|record| serde_json::from_value(record).ok())
+            .unwrap_or_default()
+    }
+
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// A [`Subdivision`] in a manifest.
@@ -200,6 +300,32 @@ impl RowSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn losses_are_kept_and_read_back() {
+        let mut scene = Scene::default();
+        scene.further_names.insert(2, vec!["insulated".to_owned()]);
+        let kind = hemicube_scene::Kind {
+            fate: Fate::Merged,
+            what: "face",
+            next: "",
+        };
+        scene.ledger.lose(kind, 2, Some(1.5), || "`floor`".to_owned());
+        scene.ledger.note("line element");
+        let record = ReadingRecord::of(&scene);
+        let settings = serde_json::json!({ "reading": record });
+        let read = ReadingRecord::of_settings(&settings);
+        assert_eq!(read, record);
+        assert_eq!(read.losses.len(), 1);
+        assert_eq!(
+            read.losses[0].sentence(),
+            "merged: 2 × face (area 1.5; the first: `floor`)"
+        );
+        assert_eq!(
+            ReadingRecord::of_settings(&serde_json::json!({})),
+            ReadingRecord::default()
+        );
+    }
 
     #[test]
     fn settings_have_readable_names() {

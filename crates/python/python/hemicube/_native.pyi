@@ -30,6 +30,7 @@ class Scene:
         materials: Sequence[str] | None = None,
         two_sided: bool | ArrayLike | None = None,
         flip: Sequence[str] | None = None,
+        exclude: Sequence[str] | None = None,
         up: _Axis | None = None,
         subdivide: int | None = None,
         split: int | None = None,
@@ -44,6 +45,7 @@ class Scene:
         scale: float = 1.0,
         two_sided: bool | None = None,
         flip: Sequence[str] | None = None,
+        exclude: Sequence[str] | None = None,
         up: _Axis | None = None,
         subdivide: int | None = None,
         split: int | None = None,
@@ -74,6 +76,12 @@ class Scene:
     def objects(self) -> list[str]: ...
     @property
     def materials(self) -> list[str]: ...
+    @property
+    def losses(self) -> list[dict[str, Any]]: ...
+    @property
+    def further_names(self) -> dict[int, list[str]]: ...
+    @property
+    def crs(self) -> str | None: ...
     @property
     def up(self) -> _Axis | None: ...
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...

@@ -46,13 +46,13 @@
 //!
 //! # Counts that lie
 //! No count is believed when memory is taken. `kids`, `numvert` and `numsurf` that do not match what follows are
-//! findings, as the file can still be read in one way only; objects that no `kids` asked for are top-level. So is
+//! ledger, as the file can still be read in one way only; objects that no `kids` asked for are top-level. So is
 //! `data` whose length ends within a line: it is then taken to go on to the next keyword. `refs` that promises more
 //! corners than follow is an error, and so is a file that ends within vertices, surfaces or corners.
 
 use crate::bounds::Bounds;
-use crate::polygon::{Triangulation, triangulate};
-use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
+use crate::polygon::cut_face;
+use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::{DAffine3, DMat3, DVec3};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -317,7 +317,7 @@ struct Reader<'a> {
     objects: Vec<String>,
     /// All materials, in the file's order.
     materials: Vec<Material>,
-    findings: Findings,
+    ledger: Ledger,
     object: Option<Object>,
     parents: Vec<Parent>,
     objects_read: u64,
@@ -341,7 +341,7 @@ impl<'a> Reader<'a> {
             triangles: Vec::new(),
             objects: Vec::new(),
             materials: Vec::new(),
-            findings: Findings::default(),
+            ledger: Ledger::default(),
             object: None,
             parents: Vec::new(),
             objects_read: 0,
@@ -369,7 +369,7 @@ impl<'a> Reader<'a> {
         };
         if version != b"b" && version != b"c" {
             let shown = excerpt(word);
-            self.findings.warnings.push(format!(
+            self.ledger.warnings.push(format!(
                 "The header is `{shown}`; the versions known here are `AC3Db` and `AC3Dc`. It was read as if it were \
                  one of them."
             ));
@@ -412,7 +412,7 @@ impl<'a> Reader<'a> {
             b"numsurf" => {
                 let count = line.count()?;
                 if self.geometry_object(line)?.surfaces_promised.replace(count).is_some() {
-                    self.findings.count("repeated `numsurf` in an object, the last taken");
+                    self.lose(Fate::Doubtful, "repeated `numsurf` in an object, the last taken");
                 }
             }
             b"data" => self.data(line)?,
@@ -431,7 +431,7 @@ impl<'a> Reader<'a> {
             b"name" => object.name = name(line.rest),
             b"loc" => {
                 if object.location.replace(DVec3::from_array(line.numbers()?)).is_some() {
-                    self.findings.count("repeated `loc` in an object, the last taken");
+                    self.lose(Fate::Doubtful, "repeated `loc` in an object, the last taken");
                 }
             }
             b"rot" => {
@@ -441,7 +441,7 @@ impl<'a> Reader<'a> {
                     .replace(DMat3::from_cols_array(&line.numbers()?))
                     .is_some()
                 {
-                    self.findings.count("repeated `rot` in an object, the last taken");
+                    self.lose(Fate::Doubtful, "repeated `rot` in an object, the last taken");
                 }
             }
             b"mat" => {
@@ -458,10 +458,10 @@ impl<'a> Reader<'a> {
             }
             b"subdiv" => {
                 if line.words().next() != Some(b"0") {
-                    self.findings.count("subdivision surface read as its control mesh");
+                    self.lose(Fate::Approximated, "subdivision surface read as its control mesh");
                 }
             }
-            b"hidden" => self.findings.count("hidden object, read all the same"),
+            b"hidden" => self.lose(Fate::Doubtful, "hidden object, read all the same"),
             b"kids" => {
                 let kids = line.count()?;
                 self.end_object(kids)?;
@@ -472,14 +472,25 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
+    /// Records what is not taken as the file says.
+    fn lose(&mut self, fate: Fate, what: &str) {
+        let place = self.object.as_ref().map(|object| object.name.clone());
+        let place = || {
+            place.map_or_else(
+                || "the file".to_owned(),
+                |name| format!("`{}`", excerpt(name.as_bytes())),
+            )
+        };
+        self.ledger.lose(Kind { fate, what, next: "" }, 1, None, place);
+    }
+
     /// Counts a line without a meaning at its place.
     fn stray(&mut self, line: Line<'a>) {
         if number(line.word).is_some() {
-            self.findings
-                .count("line of numbers beyond the count before it, skipped");
+            self.lose(Fate::Doubtful, "line of numbers beyond the count before it, skipped");
             return;
         }
-        self.findings.count("line that is no AC3D, skipped");
+        self.ledger.note("line that is no AC3D, skipped");
         if self.lines_named < NAMED_LINES {
             self.lines_named += 1;
             let shown = excerpt(line.word);
@@ -488,7 +499,7 @@ impl<'a> Reader<'a> {
             } else {
                 ""
             };
-            self.findings.warnings.push(format!(
+            self.ledger.warnings.push(format!(
                 "Line {} was skipped: `{shown}` means nothing there.{more}",
                 line.number
             ));
@@ -531,11 +542,10 @@ impl<'a> Reader<'a> {
             if is_right {
                 *property = Some(colour);
             } else {
-                self.findings
-                    .count("material colour that is not three numbers, left out");
+                self.ledger.note("material colour that is not three numbers, left out");
             }
             if was_clamped {
-                self.findings.count("material colour out of range, clamped");
+                self.ledger.note("material colour out of range, clamped");
             }
         }
     }
@@ -559,7 +569,7 @@ impl<'a> Reader<'a> {
                 b"ENDMAT" => break,
                 b"data" => self.data(line)?,
                 b"MAT" | b"MATERIAL" | b"OBJECT" => {
-                    self.findings.count("material without `ENDMAT`");
+                    self.ledger.note("material without `ENDMAT`");
                     self.lines = before;
                     break;
                 }
@@ -576,7 +586,7 @@ impl<'a> Reader<'a> {
         if self.lines.skip_text(length) {
             return Ok(());
         }
-        self.findings.count("`data` whose length is wrong");
+        self.ledger.note("`data` whose length is wrong");
         loop {
             let before = self.lines;
             match self.lines.next() {
@@ -593,7 +603,7 @@ impl<'a> Reader<'a> {
     fn begin_object(&mut self, line: Line<'a>) -> Result<(), Error> {
         // An object still open has no `kids` line.
         if self.object.is_some() {
-            self.findings.count("object without `kids`");
+            self.ledger.note("object without `kids`");
             self.end_object(0)?;
         }
         let world_from_parent = match self.parents.last_mut() {
@@ -607,8 +617,7 @@ impl<'a> Reader<'a> {
             }
             None => {
                 if self.objects_read > 0 {
-                    self.findings
-                        .count("object that no `kids` asked for, read as top-level");
+                    self.ledger.note("object that no `kids` asked for, read as top-level");
                 }
                 DAffine3::IDENTITY
             }
@@ -617,9 +626,9 @@ impl<'a> Reader<'a> {
         let kind = line.words().next().unwrap_or_default();
         let is_light = kind == b"light";
         if is_light {
-            self.findings.count("light");
+            self.ledger.note("light");
         } else if !matches!(kind, b"world" | b"group" | b"poly") {
-            self.findings.count("object of an unknown type, read as `poly`");
+            self.lose(Fate::Doubtful, "object of an unknown type, read as `poly`");
         }
         self.object = Some(Object {
             name: format!("object {}", self.objects_read),
@@ -647,7 +656,7 @@ impl<'a> Reader<'a> {
             )));
         }
         if std::mem::replace(&mut object.has_vertices, true) {
-            self.findings.count("repeated `numvert` in an object, the last taken");
+            self.lose(Fate::Doubtful, "repeated `numvert` in an object, the last taken");
         }
         let mut vertices = Vec::new();
         for read in 0..promised {
@@ -656,7 +665,7 @@ impl<'a> Reader<'a> {
                 return Err(self.cut_short(&format!("after {read} of {promised} vertices")));
             };
             if line.is_keyword() {
-                self.findings.count("`numvert` promising more vertices than follow");
+                self.lose(Fate::Doubtful, "`numvert` promising more vertices than follow");
                 self.lines = before;
                 break;
             }
@@ -714,12 +723,11 @@ impl<'a> Reader<'a> {
         let face = self.next_face()?;
         self.cut.clear();
         let flags = surface.flags.unwrap_or_else(|| {
-            self.findings
-                .count("surface without `SURF`, read as a one-sided polygon");
+            self.lose(Fate::Doubtful, "surface without `SURF`, read as a one-sided polygon");
             0
         });
         if self.object.as_ref().is_some_and(|object| object.is_light) {
-            self.findings.count("surface of a light, skipped");
+            self.ledger.note("surface of a light, skipped");
             return Ok(());
         }
         match flags & 0xF {
@@ -727,9 +735,9 @@ impl<'a> Reader<'a> {
                 self.bounds.polygon(self.refs.len())?;
                 self.cut_polygon();
             }
-            1 | 2 => self.findings.count("line element"),
+            1 | 2 => self.ledger.note("line element"),
             4 => self.cut_strip(),
-            _ => self.findings.count("surface of an unknown type, skipped"),
+            _ => self.lose(Fate::LeftOut, "surface of an unknown type, skipped"),
         }
         if self.cut.is_empty() {
             return Ok(());
@@ -757,14 +765,10 @@ impl<'a> Reader<'a> {
         self.corners.clear();
         self.corners
             .extend(self.refs.iter().filter_map(|&v| object.vertices.get(v as usize)));
-        match triangulate(&self.corners, &mut self.cut) {
-            Triangulation::Done => {
-                for corner in self.cut.iter_mut().flatten() {
-                    *corner = self.refs.get(*corner as usize).copied().unwrap_or_default();
-                }
-            }
-            Triangulation::TooFewCorners => self.findings.count("face with fewer than 3 corners"),
-            Triangulation::NoArea => self.findings.count("face without area"),
+        let place = || format!("`{}`", excerpt(object.name.as_bytes()));
+        cut_face(&self.corners, &mut self.cut, &mut self.ledger, place);
+        for corner in self.cut.iter_mut().flatten() {
+            *corner = self.refs.get(*corner as usize).copied().unwrap_or_default();
         }
     }
 
@@ -772,7 +776,7 @@ impl<'a> Reader<'a> {
     /// before it, every second one turned so that all wind alike.
     fn cut_strip(&mut self) {
         if self.refs.len() < 3 {
-            self.findings.count("face with fewer than 3 corners");
+            self.ledger.note("face with fewer than 3 corners");
             return;
         }
         for (position, corners) in self.refs.windows(3).enumerate() {
@@ -784,7 +788,7 @@ impl<'a> Reader<'a> {
 
     /// Counts a surface without corners.
     fn pass_unfinished_surface(&mut self) -> Result<(), Error> {
-        self.findings.count("surface without `refs`");
+        self.lose(Fate::LeftOut, "surface without `refs`");
         if let Some(object) = &mut self.object {
             object.surfaces_read += 1;
         }
@@ -811,8 +815,8 @@ impl<'a> Reader<'a> {
             .unwrap_or(object.surfaces_read)
             .cmp(&object.surfaces_read)
         {
-            std::cmp::Ordering::Greater => self.findings.count("`numsurf` promising more surfaces than follow"),
-            std::cmp::Ordering::Less => self.findings.count("`numsurf` promising fewer surfaces than follow"),
+            std::cmp::Ordering::Greater => self.lose(Fate::LeftOut, "`numsurf` promising more surfaces than follow"),
+            std::cmp::Ordering::Less => self.lose(Fate::Doubtful, "`numsurf` promising fewer surfaces than follow"),
             std::cmp::Ordering::Equal => {}
         }
         let parent_from_object = DAffine3::from_mat3_translation(
@@ -830,7 +834,7 @@ impl<'a> Reader<'a> {
             return Ok(());
         }
         if world_from_object.matrix3.determinant() < 0.0 {
-            self.findings.count("object under a mirroring `rot`, turned inside out");
+            self.lose(Fate::Turned, "object under a mirroring `rot`, turned inside out");
         }
         let index = u32::try_from(self.objects.len()).map_err(|_| too_many())?;
         self.objects.push(object.name);
@@ -866,20 +870,25 @@ impl<'a> Reader<'a> {
             if let Some(promised) = object.surfaces_promised.filter(|&promised| promised > read) {
                 return Err(self.cut_short(&format!("after {read} of {promised} surfaces")));
             }
-            self.findings.count("object without `kids`");
+            self.ledger.note("object without `kids`");
             self.end_object(0)?;
         }
         // A `usize` fits in 64 bits.
-        self.findings
-            .count_many("`kids` promising more objects than follow", self.parents.len() as u64);
+        let kind = Kind {
+            fate: Fate::Doubtful,
+            what: "`kids` promising more objects than follow",
+            next: "the file may be cut short",
+        };
+        self.ledger
+            .lose(kind, self.parents.len() as u64, None, || "the end".to_owned());
         let materials = self.materials_in_use()?;
         Ok(Scene {
             triangles: self.triangles,
             objects: self.objects,
             materials,
-            findings: self.findings,
+            ledger: self.ledger,
             up: Some(Axis::Y),
-            metres_per_unit: None,
+            ..Scene::default()
         })
     }
 
@@ -897,8 +906,13 @@ impl<'a> Reader<'a> {
         }
         for (&material, &surfaces) in &self.surfaces_awaiting_material {
             if usize::try_from(material).map_or(true, |m| m >= self.materials.len()) {
-                self.findings
-                    .count_many("surface with a material that is not there, the first taken", surfaces);
+                let kind = Kind {
+                    fate: Fate::Doubtful,
+                    what: "surface with a material that is not there, the first taken",
+                    next: "",
+                };
+                self.ledger
+                    .lose(kind, surfaces, None, || format!("material {material}"));
             }
         }
         let mut in_use = Vec::new();

@@ -12,16 +12,16 @@
 //! - `GeometryInstance`: its template, placed
 //! - points and lines: counted
 //! - `semantics`: the object of a surface is `CITYOBJECT/RoofSurface`, its material `RoofSurface`; without semantics
-//!   the city object and its type
-//! - attributes, appearance, metadata, extensions: skipped
+//!   the city object and its type. A `ClosureSurface` is air, and left open: radiation passes through it
+//! - `metadata`: the coordinate reference system; attributes, appearance, extensions: skipped
 //!
 //! By serde and a few types of our own: the other services of `cityjson` and `cjseq` (validating, attributes, writing)
 //! are not needed here.
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::polygon::{Labels, Triangulation, push_triangles, triangulate_with_holes};
-use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
+use crate::polygon::{Labels, Triangulation, judge_cut, judge_lost, push_triangles, triangulate_with_holes};
+use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::{DMat4, DVec3};
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -64,6 +64,13 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         })?;
         match (document.kind.as_str(), &frame) {
             ("CityJSON", None) => {
+                let crs = document.metadata.as_ref().and_then(|of| of.reference_system.as_str());
+                city.crs = crs.map(|crs| crs.chars().take(CRS_MAX).collect());
+                if document.transform.is_none() && !matches!(document.version.as_str(), Some("1.0" | "0.9")) {
+                    let warning = "the city has no `transform`, which CityJSON asks for from 1.1 on: its vertices are \
+                                   taken for coordinates";
+                    city.ledger.warnings.push(warning.to_owned());
+                }
                 let transform = document.transform.unwrap_or_default();
                 city.add(
                     document.objects,
@@ -122,6 +129,16 @@ struct Document {
     vertices: Vec<[f64; 3]>,
     #[serde(rename = "geometry-templates", default)]
     templates: Option<Templates>,
+    #[serde(default)]
+    version: Value,
+    #[serde(default)]
+    metadata: Option<Metadata>,
+}
+
+#[derive(Deserialize)]
+struct Metadata {
+    #[serde(rename = "referenceSystem", default)]
+    reference_system: Value,
 }
 
 #[derive(Clone, Deserialize)]
@@ -154,6 +171,8 @@ struct CityObject {
     geometry: Vec<Geometry>,
     #[serde(default)]
     parents: Vec<String>,
+    #[serde(default)]
+    children: Option<serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]
@@ -254,15 +273,24 @@ struct City {
     triangles: Vec<Triangle>,
     objects: Names,
     materials: Names,
-    findings: Findings,
+    ledger: Ledger,
     face: u32,
     corners: Vec<DVec3>,
     holes: Vec<usize>,
     cut: Vec<[u32; 3]>,
     bounds: Bounds,
+    crs: Option<String>,
 }
 
+/// Most characters kept of the name of a coordinate reference system.
+const CRS_MAX: usize = 256;
+
 impl City {
+    fn lose(&mut self, fate: Fate, what: &str, next: &str, id: &str, area: Option<f64>) {
+        let place = || format!("`{}`", shown(id));
+        self.ledger.lose(Kind { fate, what, next }, 1, area, place);
+    }
+
     fn add(
         &mut self,
         objects: InOrder<CityObject>,
@@ -287,13 +315,23 @@ impl City {
                 .map(Geometry::level)
                 .fold(f64::NEG_INFINITY, f64::max);
             let mut used = false;
+            if object.geometry.is_empty() && object.children.is_none() && object.kind != "CityObjectGroup" {
+                let next = "geometry is read of the member `geometry`";
+                self.lose(
+                    Fate::LeftOut,
+                    "city object without geometry and without parts",
+                    next,
+                    id,
+                    None,
+                );
+            }
             for geometry in &object.geometry {
                 let footprint = level < 1.0 && best.get(family.as_str()).is_some_and(|&best| best >= 1.0);
                 if geometry.level() < level || footprint {
-                    self.findings.count("geometry of a lower level of detail, left out");
+                    self.ledger.note("geometry of a lower level of detail, left out");
                 } else if used {
-                    self.findings
-                        .count("further geometry of the same level of detail, left out");
+                    let what = "further geometry of the same level of detail, left out";
+                    self.lose(Fate::LeftOut, what, "make one geometry of them", id, None);
                 } else {
                     used = true;
                     let place = Place {
@@ -356,12 +394,12 @@ impl City {
                 return self.geometry(id, object, template, &placed, None);
             }
             "MultiPoint" | "MultiLineString" => {
-                self.findings.count("geometry of points or lines");
+                self.ledger.note("geometry of points or lines");
                 return Ok(());
             }
             other => {
-                self.findings
-                    .count(&format!("geometry of type `{}`, not read", shown(other)));
+                let what = format!("geometry of type `{}`, not read", shown(other));
+                self.lose(Fate::LeftOut, &what, "surfaces and solids are read", id, None);
                 return Ok(());
             }
         };
@@ -431,11 +469,25 @@ impl City {
                 "has more than {face} surfaces"
             ))))
         })?;
+        if kind == "ClosureSurface" {
+            self.ledger.note("`ClosureSurface`, left open as air");
+            return Ok(());
+        }
         self.cut.clear();
         match triangulate_with_holes(&self.corners, &self.holes, &mut self.cut) {
+            Triangulation::Done if self.holes.is_empty() => {
+                judge_cut(&self.corners, &self.cut, &mut self.ledger, || {
+                    format!("`{}`", shown(id))
+                });
+            }
             Triangulation::Done => {}
-            Triangulation::TooFewCorners => self.findings.count("surface with fewer than 3 corners"),
-            Triangulation::NoArea => self.findings.count("surface without area"),
+            Triangulation::TooFewCorners => self.ledger.note("surface with fewer than 3 corners"),
+            Triangulation::NoArea => {
+                let outline = self.holes.first().copied().unwrap_or(self.corners.len());
+                judge_lost(&self.corners[..outline], &mut self.ledger, || {
+                    format!("`{}`", shown(id))
+                });
+            }
         }
         if self.cut.is_empty() {
             return Ok(());
@@ -466,9 +518,10 @@ impl City {
             triangles: self.triangles,
             objects: self.objects.names,
             materials: self.materials.names.into_iter().map(material).collect(),
-            findings: self.findings,
+            ledger: self.ledger,
+            crs: self.crs,
             up: Some(Axis::Z),
-            metres_per_unit: None,
+            ..Scene::default()
         }
     }
 }
@@ -525,7 +578,7 @@ mod tests {
                 "SolitaryVegetationObject"
             ]
         );
-        assert_eq!(scene.findings.get("geometry of a lower level of detail, left out"), 2);
+        assert_eq!(scene.ledger.get("geometry of a lower level of detail, left out"), 2);
         for (object, expected) in [
             ("a/GroundSurface", 4.0),
             ("a/RoofSurface", 3.0),

@@ -8,18 +8,19 @@
 //!   bottom left seen from outside, azimuth clockwise from north, tilt from up, width, height). It **faces into the
 //!   first adjacent space**: the file winds it outwards, and here it is turned
 //! - of two adjacent spaces (interior walls and floors), or of none (shades): with two sides
-//! - `Opening`: a face, cut out of its surface, facing as the surface
+//! - `Opening`: a face, cut out of its surface, facing as the surface; one that the file winds against it is turned, and
+//!   that is said
 //! - surfaces and openings of type `Air`: left open, because radiation passes through them
 //! - the object is the `Name`, or the `id` where there is none or another has it, too; the material is
 //!   `constructionIdRef`, for openings `windowTypeIdRef` first, otherwise the type
 //! - `lengthUnit`: the scene's unit; z is up. Azimuths are those of the model's axes: y is north
 //! - surfaces in the order of the file, each followed by its openings
-//! - `Space` with its shell and boundaries, and everything else: skipped
+//! - `Space` with its shell and boundaries, and everything else: skipped; elements with loops that gbXML has not: said
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::openings::cut;
-use crate::{Axis, Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
+use crate::openings::{cut, turn_with};
+use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use roxmltree::Node;
 use std::borrow::Cow;
@@ -76,7 +77,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         triangles: Vec::new(),
         objects: Names::default(),
         materials: Names::default(),
-        findings: Findings::default(),
+        ledger: Ledger::default(),
         bounds,
         face: 0,
     };
@@ -88,7 +89,12 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             *reader.names.entry(name.trim()).or_insert(0) += 1;
         }
     }
+    for campus in root.children().filter(|node| node.tag_name().name() == "Campus") {
+        reader.doubt(campus, &["Surface", "Building"]);
+    }
     for surface in surfaces {
+        let read = ["Opening", "PlanarGeometry", "RectangularGeometry"];
+        reader.doubt(surface, &read);
         reader.surface(surface)?;
     }
     let material = |name| Material {
@@ -99,9 +105,11 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         triangles: reader.triangles,
         objects: reader.objects.names,
         materials: reader.materials.names.into_iter().map(material).collect(),
-        findings: reader.findings,
+        ledger: reader.ledger,
         up: Some(Axis::Z),
         metres_per_unit: Some(unit),
+        is_oriented: true,
+        ..Scene::default()
     })
 }
 
@@ -217,7 +225,7 @@ impl Frame {
 }
 
 /// The corners of an element's `PlanarGeometry`; none where it has no polygon.
-fn polygon(node: Node<'_, '_>, findings: &mut Findings) -> Result<Option<Vec<DVec3>>, Error> {
+fn polygon(node: Node<'_, '_>, ledger: &mut Ledger) -> Result<Option<Vec<DVec3>>, Error> {
     let Some(geometry) = child(node, "PlanarGeometry") else {
         return Ok(None);
     };
@@ -225,7 +233,13 @@ fn polygon(node: Node<'_, '_>, findings: &mut Findings) -> Result<Option<Vec<DVe
     let Some(first) = loops.next() else {
         return Ok(None);
     };
-    findings.count_many("further loop of a polygon, left out", loops.count() as u64);
+    let further = loops.count() as u64;
+    let kind = Kind {
+        fate: Fate::LeftOut,
+        what: "further loop of a polygon, left out",
+        next: "a polygon has one loop; write another surface, or an opening",
+    };
+    ledger.lose(kind, further, None, || id_of(node));
     let points = first
         .children()
         .filter(|node| node.tag_name().name() == "CartesianPoint");
@@ -243,15 +257,34 @@ struct Reader<'a> {
     triangles: Vec<Triangle>,
     objects: Names,
     materials: Names,
-    findings: Findings,
+    ledger: Ledger,
     bounds: Bounds,
     face: u32,
 }
 
 impl Reader<'_> {
+    /// Records children with loops that are none of gbXML's.
+    fn doubt(&mut self, node: Node<'_, '_>, read: &[&str]) {
+        let others = node
+            .children()
+            .filter(|child| child.is_element() && !read.contains(&child.tag_name().name()));
+        for other in others {
+            let has_loop = |below: Node<'_, '_>| below.tag_name().name() == "PolyLoop";
+            if other.descendants().any(has_loop) {
+                let what = format!("element `{}` with loops, not read", shown(other.tag_name().name()));
+                let kind = Kind {
+                    fate: Fate::LeftOut,
+                    what: &what,
+                    next: "surfaces are read of `Surface`, windows and doors of `Opening`",
+                };
+                self.ledger.lose(kind, 1, None, || id_of(other));
+            }
+        }
+    }
+
     fn surface(&mut self, node: Node<'_, '_>) -> Result<(), Error> {
         let frame = Frame::of(node)?;
-        let shape = match (polygon(node, &mut self.findings)?, &frame) {
+        let shape = match (polygon(node, &mut self.ledger)?, &frame) {
             (Some(corners), _) => Some(corners),
             (None, Some(frame)) => frame.rectangle(node, DVec3::ZERO)?,
             (None, None) => None,
@@ -272,9 +305,10 @@ impl Reader<'_> {
             }
         };
         inward(&mut corners);
+        let outline = corners.clone();
         let mut parts = Vec::new();
         for opening in openings(node) {
-            let shape = match (polygon(opening, &mut self.findings)?, &frame) {
+            let shape = match (polygon(opening, &mut self.ledger)?, &frame) {
                 (Some(corners), _) => Some(corners),
                 (None, Some(frame)) => {
                     let geometry = child(opening, "RectangularGeometry");
@@ -286,6 +320,7 @@ impl Reader<'_> {
             };
             let mut corners = shape.ok_or_else(|| fail(opening, whole))?;
             inward(&mut corners);
+            turn_with(&outline, &mut corners, &mut self.ledger, || id_of(opening));
             parts.push((opening, corners));
         }
         let holes: Vec<&[DVec3]> = parts.iter().map(|(_, corners)| corners.as_slice()).collect();
@@ -307,7 +342,7 @@ impl Reader<'_> {
             .or(node.attribute("openingType"))
             .unwrap_or_default();
         if kind == "Air" {
-            self.findings.count("surface or opening of air, left open");
+            self.ledger.note("surface or opening of air, left open");
             return Ok(());
         }
         let name = child(node, "Name").and_then(|name| name.text()).map(str::trim);
@@ -318,7 +353,7 @@ impl Reader<'_> {
         };
         let construction = node.attribute("constructionIdRef");
         let material = node.attribute("windowTypeIdRef").or(construction).unwrap_or(kind);
-        let triangles = cut(corners, holes, &mut self.bounds, &mut self.findings);
+        let triangles = cut(corners, holes, &mut self.bounds, &mut self.ledger, || id_of(node));
         let triangles = triangles.map_err(|error| Error {
             line: at(node, "").line,
             ..error
@@ -333,6 +368,17 @@ impl Reader<'_> {
             two_sided,
         }));
         Ok(())
+    }
+}
+
+/// Name and line of an element for a person.
+fn id_of(node: Node<'_, '_>) -> String {
+    let id = node.attribute("id").unwrap_or_default();
+    let line = node.document().text_pos_at(node.range().start).row;
+    if id.is_empty() {
+        format!("line {line}")
+    } else {
+        format!("`{}`, line {line}", shown(id))
     }
 }
 

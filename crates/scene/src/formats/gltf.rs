@@ -28,7 +28,7 @@ mod mesh;
 mod node;
 
 use crate::bounds::Bounds;
-use crate::{Axis, Error, ErrorKind, Findings, ReadOptions, Scene, Triangle};
+use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, ReadOptions, Scene, Triangle};
 use accessor::{Elements, Layout};
 use json::Document;
 use material::Materials;
@@ -53,7 +53,7 @@ const NAME_BYTES_MAX: usize = 1024;
 ///
 /// With [`ReadOptions::optics`] a material's diffuse reflectance is its base colour × (1 − metallic factor), since only
 /// the non-metallic part of glTF's surface model is diffuse, and its emission is the emissive factor × the strength of
-/// `KHR_materials_emissive_strength`. Textures varying either are not read and are counted in the findings.
+/// `KHR_materials_emissive_strength`. Textures varying either are not read and are counted in the ledger.
 ///
 /// # Errors
 /// When the bytes are not glTF 2, when nodes, meshes, accessors or buffers contradict one another or are missing, or
@@ -76,23 +76,32 @@ const NAME_BYTES_MAX: usize = 1024;
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
-    let mut findings = Findings::default();
-    let container = glb::open(bytes, &mut findings)?;
-    let root = json::parse(&container, &mut findings)?;
+    let mut ledger = Ledger::default();
+    let container = glb::open(bytes, &mut ledger)?;
+    let root = json::parse(&container, &mut ledger)?;
     let document = Document::new(&root)?;
     extension::check(&document)?;
     accessor::check_references(&document)?;
     let meshes = mesh::plan(&document)?;
-    let placements = node::place(&document, &mut findings)?;
+    let placements = node::place(&document, &mut ledger)?;
 
     let mut placed = vec![false; meshes.len()];
     let mut triangle_count: u64 = 0;
     for placement in &placements {
         placed[placement.mesh] = true;
-        triangle_count = triangle_count.saturating_add(meshes[placement.mesh].triangle_count);
+        let copies = placement.copies.map_or(1, |copies| copies.count as u64);
+        let triangles = meshes[placement.mesh].triangle_count.saturating_mul(copies);
+        triangle_count = triangle_count.saturating_add(triangles);
     }
-    let unplaced = placed.iter().filter(|&&placed| !placed).count();
-    findings.count_many("mesh that no node of the scene places", unplaced as u64);
+    let mut unplaced = (0..placed.len()).filter(|&mesh| !placed[mesh] && meshes[mesh].triangle_count > 0);
+    if let Some(first) = unplaced.next() {
+        let kind = Kind {
+            fate: Fate::LeftOut,
+            what: "mesh that no node of the scene places",
+            next: "place it by a node, or take it away",
+        };
+        ledger.lose(kind, 1 + unplaced.count() as u64, None, || format!("`meshes[{first}]`"));
+    }
     if triangle_count > TRIANGLES_MAX {
         return Err(Error::new(ErrorKind::TooLarge(format!(
             "the nodes place {triangle_count} triangles, more than the {TRIANGLES_MAX} that are read; place fewer \
@@ -100,7 +109,7 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
         ))));
     }
 
-    let (buffers, layouts) = open_buffers(&document, &meshes, &placed, container.bin, base_dir)?;
+    let (buffers, layouts) = open_buffers(&document, &meshes, &placements, container.bin, base_dir)?;
     // Buffers within the file count twice: a file of copies may have a few more.
     let beside = buffers
         .values()
@@ -140,19 +149,24 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
     let mut materials = Materials::new(&document, options);
     for placement in &placements {
         let mesh = &meshes[placement.mesh];
-        for (reason, &count) in &mesh.findings {
-            findings.count_many(reason, count);
+        let name = document.nodes.get(placement.node)?.name().or(mesh.name);
+        let name = name.map_or_else(|| format!("node {}", placement.node), |n| cut(n).to_owned());
+        for (&what, &count) in &mesh.counts {
+            let fate = match what {
+                mesh::NO_POSITIONS => Fate::LeftOut,
+                mesh::HALF_A_TRIANGLE | mesh::UNQUANTIZED => Fate::Doubtful,
+                mesh::MORPHED => Fate::Approximated,
+                _ => Fate::Noted,
+            };
+            ledger.lose(Kind { fate, what, next: "" }, count, None, || format!("`{name}`"));
         }
         if mesh.primitives.is_empty() {
             continue;
         }
         let object = u32::try_from(scene.objects.len()).map_err(|_| too_many_objects())?;
-        let name = document.nodes.get(placement.node)?.name().or(mesh.name);
-        scene
-            .objects
-            .push(name.map_or_else(|| format!("node {}", placement.node), |n| cut(n).to_owned()));
+        scene.objects.push(name);
         for primitive in &mesh.primitives {
-            let (material, two_sided) = materials.resolve(primitive.material, &mut findings)?;
+            let (material, two_sided) = materials.resolve(primitive.material, &mut ledger)?;
             let triangle = Triangle {
                 corners: [glam::DVec3::ZERO; 3],
                 object,
@@ -160,11 +174,18 @@ pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Resu
                 face: 0,
                 two_sided,
             };
-            emit(primitive, &elements, placement, triangle, &mut scene.triangles)?;
+            for copy in 0..placement.copies.map_or(1, |copies| copies.count) {
+                let (place, mirrored) = match placement.copies {
+                    Some(copies) => copies.place(copy, &elements)?,
+                    None => (glam::DAffine3::IDENTITY, false),
+                };
+                let place = (placement.transform * place, placement.mirrored != mirrored);
+                emit(primitive, &elements, place, triangle, &mut scene.triangles)?;
+            }
         }
     }
     scene.materials = materials.into_used();
-    scene.findings = findings;
+    scene.ledger = ledger;
     Ok(scene)
 }
 
@@ -190,17 +211,26 @@ type Geometry<'a> = (BTreeMap<usize, Cow<'a, [u8]>>, BTreeMap<usize, Layout>);
 fn open_buffers<'a>(
     document: &Document<'_>,
     meshes: &[Mesh<'_>],
-    placed: &[bool],
+    placements: &[node::Placement],
     bin: Option<&'a [u8]>,
     base_dir: Option<&Path>,
 ) -> Result<Geometry<'a>, Error> {
     let mut layouts = BTreeMap::new();
-    for (mesh, _) in meshes.iter().zip(placed).filter(|(_, placed)| **placed) {
-        for primitive in &mesh.primitives {
-            for index in [Some(primitive.positions), primitive.indices].into_iter().flatten() {
-                if let std::collections::btree_map::Entry::Vacant(vacant) = layouts.entry(index) {
-                    vacant.insert(Layout::of(document, index)?);
-                }
+    let mut opened = vec![false; meshes.len()];
+    for placement in placements {
+        let of_copies = placement.copies.map_or([None; 3], |copies| copies.accessors);
+        let first = !std::mem::replace(&mut opened[placement.mesh], true);
+        let primitives = if first {
+            &meshes[placement.mesh].primitives[..]
+        } else {
+            &[]
+        };
+        let of_mesh = primitives
+            .iter()
+            .flat_map(|primitive| [Some(primitive.positions), primitive.indices]);
+        for index in of_mesh.chain(of_copies).flatten() {
+            if let std::collections::btree_map::Entry::Vacant(vacant) = layouts.entry(index) {
+                vacant.insert(Layout::of(document, index)?);
             }
         }
     }
@@ -213,11 +243,11 @@ fn open_buffers<'a>(
     Ok((buffers, layouts))
 }
 
-/// Appends the triangles of one primitive under one node; `triangle` holds their common fields.
+/// Appends the triangles of one primitive at one place; `triangle` holds their common fields.
 fn emit(
     primitive: &Primitive,
     elements: &BTreeMap<usize, Elements<'_>>,
-    placement: &node::Placement,
+    (transform, mirrored): (glam::DAffine3, bool),
     triangle: Triangle,
     triangles: &mut Vec<Triangle>,
 ) -> Result<(), Error> {
@@ -235,7 +265,7 @@ fn emit(
                 *vertex = indices.vertex(*vertex, positions.count(), primitive)?;
             }
         }
-        if placement.mirrored {
+        if mirrored {
             vertices.swap(1, 2);
         }
         let face = u32::try_from(triangles.len()).map_err(|_| {
@@ -243,7 +273,7 @@ fn emit(
                 "more than {TRIANGLES_MAX} triangles; place fewer copies"
             )))
         })?;
-        let corners = vertices.map(|vertex| placement.transform.transform_point3(positions.position(vertex)));
+        let corners = vertices.map(|vertex| transform.transform_point3(positions.position(vertex)));
         triangles.push(Triangle {
             corners,
             face,

@@ -4,16 +4,18 @@
 //! their nodes are those of `GmshDefines.h`. Files written by Gmsh 4.15 and meshio 5.3 are among the tests.
 //!
 //! # What becomes of what
-//! - triangles and quadrilaterals, of any order by their corners: a face each; its number is the element's position
-//!   among all elements of the file, from 0
+//! - triangles and quadrilaterals, of second order cut by their mid-side nodes, of higher order by their corners: a
+//!   face each; its number is the element's position among all elements of the file, from 0
 //! - tetrahedra, hexahedra, prisms and pyramids: used where there is no surface element: the faces that belong to one
 //!   of them only, turned out of it; counted otherwise
 //! - a physical group: the object and the material of its elements, by its name, or `physical 7`. An element of several
-//!   groups is in the first of its entity (4.1), or is there several times (2), and repair drops the copies
+//!   groups has the name of the first, and the others as further names; version 2 lists it once for each, and the
+//!   copies become one
 //! - a negative number of a group (4.1): its surface elements are turned round
 //! - elements without a group: the object `surface 3` or `volume 3`, by the elementary entity, and no material
 //! - points and lines: counted
-//! - `$Periodic`, `$NodeData`, `$Parametrizations` and other sections: skipped
+//! - `$ParametricNodes` (2): nodes, without their parameters
+//! - `$Periodic`, `$NodeData`, `$Parametrizations` and such: skipped; sections that Gmsh does not have: said
 //! - versions 1 and 4.0: an error that says to save anew
 //!
 //! By a reader of our own, because `mshio` reads version 4.1 only and skips the names of physical groups, and `rutile`
@@ -21,9 +23,9 @@
 
 use crate::bounds::Bounds;
 use crate::cursor::{Cursor, shown};
-use crate::mesh::{Mesh, Shape, Tags};
+use crate::mesh::{HIGHER, Mesh, NO_NODE, Shape, Tags};
 use crate::polygon::Labels;
-use crate::{Error, ErrorKind, ReadOptions, Scene};
+use crate::{Error, ErrorKind, Fate, Kind, ReadOptions, Scene};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -60,6 +62,9 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         mesh: Mesh::default(),
     };
     reader.sections()?;
+    if reader.version == Version::Two {
+        reader.mesh.merge_groups()?;
+    }
     reader.mesh.scene(Bounds::new(bytes.len(), options))
 }
 
@@ -78,9 +83,9 @@ struct Reader<'a> {
     size: usize,
     /// Names of physical groups by dimension and number.
     names: HashMap<(i64, i64), String>,
-    /// The first physical group of an entity, by dimension and number (version 4).
-    groups: HashMap<(i64, i64), i64>,
-    /// The labels of the last element, by its dimension, physical group and entity.
+    /// The physical groups of an entity, by dimension and number (version 4).
+    groups: HashMap<(i64, i64), Vec<i64>>,
+    /// The labels of the last element, by its dimension, first physical group and entity.
     labels: Option<((i64, i64, i64), Labels)>,
     /// The nodes' numbers.
     tags: Vec<u64>,
@@ -114,6 +119,39 @@ fn element(kind: i64) -> Option<(i64, Option<Shape>, usize, usize)> {
         _ => return None,
     };
     Some((dimension, shape, corners, nodes))
+}
+
+/// Sections without surfaces.
+const PASSED: &[&[u8]] = &[
+    b"Comments",
+    b"Periodic",
+    b"NodeData",
+    b"ElementData",
+    b"ElementNodeData",
+    b"InterpolationScheme",
+    b"Parametrizations",
+    b"GhostElements",
+    b"PartitionedEntities",
+    b"Entities",
+];
+
+/// The edges of volume elements in Gmsh's order of their mid-side nodes.
+fn edges(shape: Shape) -> &'static [[usize; 2]] {
+    match shape {
+        Shape::Polygon => &[],
+        Shape::Tetrahedron => &[[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]],
+        Shape::Pyramid => &[[0, 1], [0, 3], [0, 4], [1, 2], [1, 4], [2, 3], [2, 4], [3, 4]],
+        Shape::Wedge => &[[0, 1], [0, 2], [0, 3], [1, 2], [1, 4], [2, 5], [3, 4], [3, 5], [4, 5]],
+        #[rustfmt::skip]
+        Shape::Hexahedron => &[
+            [0, 1], [0, 3], [0, 4], [1, 2], [1, 5], [2, 3], [2, 6], [3, 7], [4, 5], [4, 7], [5, 6], [6, 7],
+        ],
+    }
+}
+
+/// True for elements of second order.
+fn is_second(kind: i64) -> bool {
+    matches!(kind, 8..=14 | 16..=19)
 }
 
 impl Reader<'_> {
@@ -156,23 +194,40 @@ impl Reader<'_> {
                 }
                 (b"NOD", _) => return Err(self.old("1")),
                 (b"PhysicalNames", true) => self.physical_names()?,
-                (b"Entities" | b"PartitionedEntities" | b"Nodes" | b"Elements", true) => {
+                (b"Entities" | b"PartitionedEntities" | b"Nodes" | b"ParametricNodes" | b"Elements", true) => {
                     self.cursor.binary = self.binary;
                     match (name, self.version) {
                         (b"Entities", Version::Four) => self.entities(false)?,
                         (b"PartitionedEntities", Version::Four) => self.entities(true)?,
                         (b"Nodes", Version::Four) => self.node_blocks()?,
-                        (b"Nodes", Version::Two) => self.nodes()?,
+                        (b"Nodes", Version::Two) => self.nodes(false)?,
+                        (b"ParametricNodes", Version::Two) => self.nodes(true)?,
                         (b"Elements", Version::Four) => self.element_blocks()?,
                         (b"Elements", Version::Two) => self.elements()?,
-                        _ => {}
+                        _ => {
+                            self.cursor.binary = false;
+                            self.skip(name)?;
+                            continue;
+                        }
                     }
                     has_elements |= name == b"Elements";
                     self.cursor.binary = false;
                     self.end(name)?;
                 }
                 (_, true) if name.starts_with(b"End") => {}
-                (_, true) => self.skip(name)?,
+                (_, true) => {
+                    if !PASSED.contains(&name) {
+                        let what = format!("section `{}`, not read", shown(name));
+                        let kind = Kind {
+                            fate: Fate::LeftOut,
+                            what: &what,
+                            next: "Gmsh writes no section of this name; mend it if it is one of the others",
+                        };
+                        let line = self.cursor.fail("").line.unwrap_or(0);
+                        self.mesh.ledger.lose(kind, 1, None, || format!("line {line}"));
+                    }
+                    self.skip(name)?;
+                }
                 (_, false) => {
                     return Err(self
                         .cursor
@@ -302,17 +357,10 @@ impl Reader<'_> {
                 for _ in 0..if dimension == 0 { 3 } else { 6 } {
                     self.cursor.real()?;
                 }
-                let groups = self.count()?;
-                for at in 0..groups {
-                    let group = self.int()?;
-                    if at == 0 {
-                        self.groups.insert((dimension, tag), group);
-                    }
-                }
-                if dimension >= 2 && groups > 1 {
-                    self.mesh
-                        .findings
-                        .count("entity of several physical groups, put into the first");
+                let count = self.count()?;
+                let groups = (0..count).map(|_| self.int()).collect::<Result<Vec<_>, _>>()?;
+                if !groups.is_empty() {
+                    self.groups.insert((dimension, tag), groups);
                 }
                 if dimension > 0 {
                     let boundary = self.count()?;
@@ -333,7 +381,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn nodes(&mut self) -> Result<(), Error> {
+    fn nodes(&mut self, parametric: bool) -> Result<(), Error> {
         // The count is text in binary files, too.
         self.cursor.binary = false;
         let count = self.cursor.count(4)?;
@@ -341,6 +389,18 @@ impl Reader<'_> {
         for _ in 0..count {
             let tag = self.int()?;
             self.node(tag)?;
+            if parametric {
+                let dimension = self.int()?;
+                self.int()?;
+                // On a curve one parameter, on a surface two; a point and a volume have none.
+                for _ in 0..match dimension {
+                    1 => 1,
+                    2 => 2,
+                    _ => 0,
+                } {
+                    self.cursor.real()?;
+                }
+            }
         }
         self.finish_nodes()
     }
@@ -399,18 +459,17 @@ impl Reader<'_> {
         self.begin_binary();
         let mut read = 0;
         while read < count {
-            let (kind, block, tag_count) = if self.binary {
-                (self.int()?, self.cursor.count(4)?, self.cursor.count(4)?)
+            let (mut number, kind, block, tag_count) = if self.binary {
+                (0, self.int()?, self.cursor.count(4)?, self.cursor.count(4)?)
             } else {
-                self.int()?;
-                (self.int()?, 1, self.cursor.count(4)?)
+                (self.int()?, self.int()?, 1, self.cursor.count(4)?)
             };
             if block == 0 {
                 return Err(self.cursor.fail("a block without an element"));
             }
             for _ in 0..block {
                 if self.binary {
-                    self.int()?;
+                    number = self.int()?;
                 }
                 let (mut group, mut entity) = (0, 0);
                 for at in 0..tag_count {
@@ -421,7 +480,7 @@ impl Reader<'_> {
                         _ => {}
                     }
                 }
-                self.element(kind, group, entity, 4)?;
+                self.element(number, kind, group, entity, 4)?;
             }
             read += block;
         }
@@ -438,28 +497,32 @@ impl Reader<'_> {
             let entity = self.int()?;
             let kind = self.int()?;
             let count = self.count()?;
-            let group = self.groups.get(&(dimension, entity)).copied().unwrap_or(0);
+            let group = self.groups.get(&(dimension, entity)).and_then(|groups| groups.first());
+            let group = group.copied().unwrap_or(0);
             for _ in 0..count {
-                self.cursor.whole(self.size)?;
-                self.element(kind, group, entity, self.size)?;
+                let tag = self.cursor.whole(self.size)?;
+                self.element(tag, kind, group, entity, self.size)?;
             }
         }
         Ok(())
     }
 
     /// Reads the nodes of an element and adds it to the mesh.
-    fn element(&mut self, kind: i64, group: i64, entity: i64, size: usize) -> Result<(), Error> {
+    fn element(&mut self, number: i64, kind: i64, group: i64, entity: i64, size: usize) -> Result<(), Error> {
         let Some((dimension, shape, corner_count, node_count)) = element(kind) else {
             return Err(self.cursor.fail(format!(
                 "element type {kind} is not known; leave such elements out when you save"
             )));
         };
-        let mut corners = [0; 8];
+        let is_second = is_second(kind) && shape.is_some();
+        // Corners, and mid-side nodes with the node at the centre of a face.
+        let used = if is_second { node_count } else { corner_count };
+        let mut nodes = [0; 32];
         for at in 0..node_count {
             let tag = self.cursor.whole(size)?;
-            if let Some(corner) = corners.get_mut(at).filter(|_| at < corner_count) {
+            if let Some(node) = nodes.get_mut(at).filter(|_| at < used) {
                 let place = u64::try_from(tag).ok().and_then(|tag| self.places.place(tag));
-                *corner = place.ok_or_else(|| {
+                *node = place.ok_or_else(|| {
                     let count = self.tags.len();
                     self.cursor.fail(format!(
                         "an element has a corner at node {tag}, which is none of the {count} nodes"
@@ -467,43 +530,87 @@ impl Reader<'_> {
                 })?;
             }
         }
+        // A type with fewer nodes than the line has would have the rest taken for another element.
+        let more = self.cursor.words_left();
+        if more > 0 {
+            return Err(self.cursor.fail(format!(
+                "element {number} has {more} words after the {node_count} nodes of its type {kind}; the type or its \
+                 nodes are wrong"
+            )));
+        }
         let face = self.elements;
         self.elements = face
             .checked_add(1)
             .ok_or_else(|| Error::new(ErrorKind::TooLarge("has more elements than can be numbered".to_owned())))?;
         let Some(shape) = shape else {
-            self.mesh.findings.count(if dimension == 0 {
+            self.mesh.ledger.note(if dimension == 0 {
                 "point element"
             } else {
                 "line element"
             });
             return Ok(());
         };
-        if node_count > corner_count {
-            self.mesh.findings.count("element of higher order, read by its corners");
+        if node_count > corner_count && !is_second {
+            self.mesh.ledger.lose(HIGHER, 1, None, || format!("element {number}"));
+        }
+        let (corners, others) = nodes.split_at_mut(corner_count);
+        let mut mids = [NO_NODE; 12];
+        let mut mid_count = 0;
+        let mut centre = None;
+        if is_second && shape == Shape::Polygon {
+            mid_count = corner_count;
+            mids[..corner_count].copy_from_slice(&others[..corner_count]);
+            centre = (node_count == 9).then(|| others[corner_count]);
+        } else if is_second {
+            let of_file = edges(shape);
+            mid_count = of_file.len();
+            for (mid, ends) in mids.iter_mut().zip(shape.edges()) {
+                let is = |edge: &[usize; 2]| edge == ends || [edge[1], edge[0]] == *ends;
+                *mid = of_file.iter().position(is).map_or(NO_NODE, |at| others[at]);
+            }
         }
         // Version 2 has such elements turned round already, and the group's number positive.
         if group < 0 && dimension == 2 {
-            corners[..corner_count].reverse();
+            corners.reverse();
+            mids[..mid_count.saturating_sub(1)].reverse();
         }
         let labels = self.labels(dimension, group.saturating_abs(), entity)?;
+        let labels = Labels { face, ..labels };
         self.mesh
-            .push(shape, &corners[..corner_count], Labels { face, ..labels })
+            .push_second(shape, corners, &mids[..mid_count], centre, labels)
+    }
+
+    /// The name of a physical group; `None` without one.
+    fn group_name(&self, dimension: i64, group: i64) -> Option<String> {
+        let named = || self.names.get(&(dimension, group)).cloned();
+        (group != 0).then(|| named().unwrap_or_else(|| format!("physical {group}")))
     }
 
     fn labels(&mut self, dimension: i64, group: i64, entity: i64) -> Result<Labels, Error> {
-        let key = (dimension, group, if group == 0 { entity } else { 0 });
+        let groups = self.groups.get(&(dimension, entity));
+        let is_several = groups.is_some_and(|groups| groups.len() > 1);
+        let key = (dimension, group, if group == 0 || is_several { entity } else { 0 });
         if let Some((_, labels)) = self.labels.filter(|(last, _)| *last == key) {
             return Ok(labels);
         }
-        let (object, material) = match self.names.get(&(dimension, group)) {
-            Some(name) => (name.clone(), name.clone()),
-            None if group != 0 => (format!("physical {group}"), format!("physical {group}")),
-            None if dimension == 3 => (format!("volume {entity}"), String::new()),
-            None => (format!("surface {entity}"), String::new()),
+        let mut names: Vec<String> = match groups {
+            Some(groups) if is_several => {
+                let names = groups
+                    .iter()
+                    .filter_map(|group| self.group_name(dimension, group.saturating_abs()));
+                names.collect()
+            }
+            _ => self.group_name(dimension, group).into_iter().collect(),
         };
+        let material = names.first().cloned().unwrap_or_default();
+        if names.is_empty() {
+            names.push(match dimension {
+                3 => format!("volume {entity}"),
+                _ => format!("surface {entity}"),
+            });
+        }
         let labels = Labels {
-            object: self.mesh.objects.number(&object)?,
+            object: self.mesh.object(&names)?,
             material: self.mesh.materials.number(&material)?,
             face: 0,
         };

@@ -18,20 +18,21 @@
 //! - `mtllib`: read only when optics are asked for: `Kd` as diffuse reflectance, `Ke` as emission, the numbers taken as
 //!   linear; the first library and the first entry that has the name counts
 //! - a library that cannot be read, or does not lie in the scene's folder or below it, links followed: a warning
-//! - `l`, `p`, curves and surfaces, `call`, `csh`: skipped, counted
+//! - `l`, `p`, curves: skipped, counted; free-form surfaces, `call`, `csh`: left out, and said
 //! - `vt`, `vn`, `vp`, `s` and the other attributes: skipped
 //! - other lines: skipped, counted, the first few named in a warning
 //!
-//! Lines end with LF, CRLF or CR; a `\` before that joins the next line. A `#` begins a comment, in names only after a
+//! Lines end with LF, CRLF or CR; a `\` before that, or before blanks at the end of a line, joins the next line. A `#` begins a comment, in names only after a
 //! blank (`wall#2` is a name). The text is UTF-8 with or without a byte order mark, or any extension of ASCII: names
 //! are decoded as UTF-8, other bytes as U+FFFD.
 //!
 //! No statement of OBJ announces how much is to follow, so memory is bounded by a multiple of the file's length.
 
 use crate::bounds::Bounds;
+use crate::ledger::UNREAD_LIBRARY;
 use crate::names::Names;
-use crate::polygon::{Labels, area_excess, cut_face, push_triangles};
-use crate::{Error, ErrorKind, Findings, Gloss, Material, ReadOptions, Scene, Triangle, UNREAD_LIBRARY};
+use crate::polygon::{Labels, cut_face, push_triangles};
+use crate::{Error, ErrorKind, Fate, Gloss, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
@@ -53,7 +54,7 @@ use std::path::Path;
 /// let scene = obj::read(text, None, ReadOptions::default())?;
 /// assert_eq!((scene.triangles.len(), &*scene.objects[0], &*scene.materials[0].name), (2, "step", "brick"));
 /// assert!(scene.triangles.iter().all(|triangle| triangle.face == 0));
-/// assert_eq!(scene.findings.counts.values().sum::<u64>(), 1, "what is no surface is counted");
+/// assert_eq!(scene.ledger.get("line element"), 1, "what is no surface is counted");
 /// # Ok::<(), hemicube_scene::Error>(())
 /// ```
 pub fn read(bytes: &[u8], base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
@@ -99,10 +100,6 @@ const NAMED: u64 = 3;
 const LIBRARY_BYTES_MAX: u64 = 64 << 20;
 /// Most material libraries opened for one scene.
 const LIBRARIES_MAX: usize = 1000;
-/// Relative difference in area between the triangles of a polygon and its outline from which it is counted as not
-/// planar.
-const AREA_EXCESS_MAX: f64 = 1e-6;
-
 fn is_blank(byte: u8) -> bool {
     byte == b' ' || (b'\t'..=b'\r').contains(&byte)
 }
@@ -150,11 +147,12 @@ struct Line<'a> {
 impl<'a> Line<'a> {
     /// Returns whether the next line belongs to this one. A comment ends with its line, even after a backslash: `C:\`.
     fn continues(&self) -> bool {
-        self.text.last() == Some(&b'\\') && !(self.hash && self.without_comment().len() < self.text.len())
+        self.text.trim_ascii_end().last() == Some(&b'\\')
+            && !(self.hash && self.without_comment().len() < self.text.len())
     }
 
     fn without_last(&self) -> &'a [u8] {
-        self.text.split_last().map_or(&[], |(_, text)| text)
+        self.text.trim_ascii_end().split_last().map_or(&[], |(_, text)| text)
     }
 
     /// The text up to a `#` comment. A `#` in a number, as some C libraries print non-finite ones (`1.#INF`), begins
@@ -238,8 +236,10 @@ struct Reader {
     /// The text after each `mtllib`, once each, and whether it is known.
     libraries: Vec<Vec<u8>>,
     known_libraries: HashSet<Vec<u8>>,
-    findings: Findings,
+    ledger: Ledger,
     face: u32,
+    /// The line read.
+    line: u64,
     corners: Vec<DVec3>,
     cut: Vec<[u32; 3]>,
 }
@@ -248,6 +248,7 @@ impl Reader {
     #[inline]
     fn line(&mut self, line: Line<'_>) -> Result<(), Error> {
         let (word, rest) = keyword(line.text);
+        self.line = line.number;
         match word {
             b"v" if !line.hash => self.vertex(rest),
             b"f" if !line.hash => self.face(rest),
@@ -284,29 +285,42 @@ impl Reader {
                     self.libraries.push(library);
                 }
             }
-            b"l" => self.findings.count("line element"),
-            b"p" => self.findings.count("point element"),
-            b"curv" | b"curv2" | b"surf" | b"bsp" | b"bzp" | b"cdc" | b"cdp" => {
-                self.findings.count("free-form curve or surface");
+            b"l" => self.ledger.note("line element"),
+            b"p" => self.ledger.note("point element"),
+            b"surf" => self.lose("free-form surface", "make faces of it in the modeller", line.number),
+            b"curv" | b"curv2" | b"bsp" | b"bzp" | b"cdc" | b"cdp" => {
+                self.ledger.note("free-form curve");
             }
-            b"call" | b"csh" => self.findings.count("command in the file, not run"),
+            b"call" | b"csh" => {
+                self.lose(
+                    "command in the file, not run",
+                    "put what it stands for into the file",
+                    line.number,
+                );
+            }
             // Attributes, parts of free-form elements, and (`vw`, `t`) extensions by other programs.
             b"vp" | b"mg" | b"bevel" | b"c_interp" | b"d_interp" | b"lod" | b"maplib" | b"usemap" | b"shadow_obj"
             | b"trace_obj" | b"ctech" | b"stech" | b"cstype" | b"deg" | b"bmat" | b"step" | b"parm" | b"trim"
             | b"hole" | b"scrv" | b"sp" | b"end" | b"con" | b"res" | b"vw" | b"t" => {}
             _ => {
                 let reason = "line that is no OBJ, skipped";
-                if self.findings.get(reason) < NAMED {
-                    self.findings.warnings.push(format!(
+                if self.ledger.get(reason) < NAMED {
+                    self.ledger.warnings.push(format!(
                         "line {}: {} begins no statement of OBJ; the line was skipped",
                         line.number,
                         quoted(word)
                     ));
                 }
-                self.findings.count(reason);
+                self.ledger.note(reason);
             }
         }
         Ok(())
+    }
+
+    fn lose(&mut self, what: &str, next: &str, line: u64) {
+        let fate = Fate::LeftOut;
+        self.ledger
+            .lose(Kind { fate, what, next }, 1, None, || format!("line {line}"));
     }
 
     #[inline]
@@ -387,19 +401,19 @@ impl Reader {
         self.bounds.polygon(count)?;
         let finite = self.corners.iter().all(|corner| corner.is_finite());
         if !finite {
-            self.findings.count("face with a corner that is not finite");
+            self.ledger.note("face with a corner that is not finite");
         }
-        cut_face(&self.corners, &mut self.cut, &mut self.findings);
+        let line = self.line;
+        cut_face(&self.corners, &mut self.cut, &mut self.ledger, || {
+            format!("line {line}")
+        });
         if self.cut.is_empty() {
             return Ok(());
         }
         if count > 3 && finite {
             let first = self.corners.first();
             if self.corners.windows(2).any(|edge| matches!(edge, [a, b] if a == b)) || first == self.corners.last() {
-                self.findings.count("face with a repeated corner, mended");
-            }
-            if area_excess(&self.corners, &self.cut).abs() > AREA_EXCESS_MAX {
-                self.findings.count("face that is not planar or crosses itself");
+                self.ledger.note("face with a repeated corner, mended");
             }
         }
 
@@ -443,9 +457,8 @@ impl Reader {
                     })
                 })
                 .collect(),
-            findings: self.findings,
-            up: None,
-            metres_per_unit: None,
+            ledger: self.ledger,
+            ..Scene::default()
         }
     }
 
@@ -478,19 +491,19 @@ impl Reader {
             .names
             .iter()
             .filter(|name| !name.is_empty() && !self.optics.contains_key(*name));
-        self.findings
-            .count_many("material that no library describes", missing.count() as u64);
+        self.ledger
+            .note_many("material that no library describes", missing.count() as u64);
     }
 
     fn warn_of_library(&mut self, name: &str, reason: &str) {
         let counted = "material library that could not be read";
-        if self.findings.get(counted) < NAMED {
-            self.findings.warnings.push(format!(
+        if self.ledger.get(counted) < NAMED {
+            self.ledger.warnings.push(format!(
                 "{UNREAD_LIBRARY} {} could not be read: {reason}",
                 quoted(name.as_bytes())
             ));
         }
-        self.findings.count(counted);
+        self.ledger.note(counted);
     }
 
     fn read_library(&mut self, name: &str, text: &[u8]) {
@@ -508,13 +521,13 @@ impl Reader {
             if let Some(rgb) = &mut diffuse {
                 let clamped = rgb.map(|x| x.clamp(0.0, 1.0));
                 if clamped != *rgb {
-                    self.findings.count("reflectance outside 0 to 1, clamped");
+                    self.ledger.note("reflectance outside 0 to 1, clamped");
                     *rgb = clamped;
                 }
             }
             let mut emission = read.emissive;
             if emission.is_some_and(|rgb| rgb.iter().any(|&x| x < 0.0)) {
-                self.findings.count("negative emission, read as none");
+                self.ledger.note("negative emission, read as none");
                 emission = None;
             }
             let gloss = gloss(&read);
@@ -564,7 +577,7 @@ impl Reader {
                     kept.extend([key, " ", r, " ", r, " ", r, "\n"]);
                 }
                 // A spectrum, in a file of its own or in other coordinates.
-                _ => self.findings.count("material colour that is no three numbers, skipped"),
+                _ => self.ledger.note("material colour that is no three numbers, skipped"),
             }
         }
         kept
@@ -689,13 +702,13 @@ mod tests {
         assert_eq!(of("bright"), Some((Some([1.0, 0.0, 0.5]), None)));
         assert_eq!(of("odd"), Some((None, None)));
         assert_eq!(reader.optics.len(), 5);
-        assert_eq!(reader.findings.get("reflectance outside 0 to 1, clamped"), 1);
-        assert_eq!(reader.findings.get("negative emission, read as none"), 1);
+        assert_eq!(reader.ledger.get("reflectance outside 0 to 1, clamped"), 1);
+        assert_eq!(reader.ledger.get("negative emission, read as none"), 1);
         assert_eq!(
-            reader.findings.get("material colour that is no three numbers, skipped"),
+            reader.ledger.get("material colour that is no three numbers, skipped"),
             4
         );
-        assert_eq!(reader.findings.get("material library that could not be read"), 0);
+        assert_eq!(reader.ledger.get("material library that could not be read"), 0);
     }
 
     #[test]
@@ -736,7 +749,7 @@ mod tests {
             "\u{2028}", "é",
         ]), 0..60)) {
             let reader = library(words.join(" ").as_bytes());
-            prop_assert_eq!(reader.findings.get("material library that could not be read"), 0);
+            prop_assert_eq!(reader.ledger.get("material library that could not be read"), 0);
             for material in reader.optics.values() {
                 prop_assert!(material.diffuse.is_none_or(|rgb| rgb.iter().all(|x| (0.0..=1.0).contains(x))));
                 prop_assert!(material.emission.is_none_or(|rgb| rgb.iter().all(|x| x.is_finite() && *x >= 0.0)));

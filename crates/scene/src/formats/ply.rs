@@ -8,26 +8,31 @@
 //!   clipping
 //! - a corner of a vertex that is not there: an error
 //! - a face with fewer than three corners, or without area: counted; it keeps its face number
-//! - elements `tristrips`, `edge` and others: counted
+//! - `tristrips` with a list of the same names: a triangle for each corner from the third on, every second turned, each
+//!   a face numbered after those of `face`; −1 begins another strip
+//! - other elements with lists: left out, and said; without, such as `edge`: counted
 //! - colours, normals, texture coordinates and other properties: skipped
 //!
 //! PLY names neither objects nor units nor an up axis.
 
 use crate::bounds::Bounds;
 use crate::polygon::{Labels, cut_face, push_triangles};
-use crate::{Error, Material, ReadOptions, Scene};
+use crate::{Error, Fate, Kind, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult, PropertyType};
 use std::path::Path;
 
 /// Kept part of a vertex or a face.
 #[derive(Debug)]
 struct Element {
     position: DVec3,
-    /// `None` if a corner is no whole number.
+    /// `None` if a corner is no whole number. [`RESTART`] for −1.
     corners: Option<Vec<u32>>,
 }
+
+/// Begins another strip.
+const RESTART: u32 = u32::MAX;
 
 impl PropertyAccess for Element {
     fn new() -> Self {
@@ -73,8 +78,12 @@ fn number(value: &Property) -> Option<f64> {
 }
 
 fn indices(value: &Property) -> Option<Vec<u32>> {
-    fn all<T: Copy + TryInto<u32>>(list: &[T]) -> Option<Vec<u32>> {
-        list.iter().map(|&index| index.try_into().ok()).collect()
+    fn all<T: Copy + Into<i64>>(list: &[T]) -> Option<Vec<u32>> {
+        let index = |&index: &T| match index.into() {
+            -1 => Some(RESTART),
+            index => u32::try_from(index).ok(),
+        };
+        list.iter().map(index).collect()
     }
     match value {
         Property::ListChar(list) => all(list),
@@ -137,6 +146,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     }
     let mut vertices = Vec::new();
     let mut faces = Vec::new();
+    let mut strips = Vec::new();
     for (name, element) in &header.elements {
         let values = parser
             .read_payload_for_element(&mut reader, element, &header)
@@ -144,16 +154,32 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         match name.as_str() {
             "vertex" => vertices = values,
             "face" => faces = values,
-            other => scene
-                .findings
-                .count_many(&format!("element `{}`, not read", excerpt(other)), values.len() as u64),
+            "tristrips" => strips = values,
+            other => {
+                let what = format!("element `{}`, not read", excerpt(other));
+                let is_list = |kind: &PropertyType| matches!(kind, PropertyType::List(..));
+                let fate = if element.properties.values().any(|property| is_list(&property.data_type)) {
+                    Fate::LeftOut
+                } else {
+                    Fate::Noted
+                };
+                let next = "faces are read of elements `face` and `tristrips`";
+                let kind = Kind {
+                    fate,
+                    what: &what,
+                    next,
+                };
+                scene
+                    .ledger
+                    .lose(kind, values.len() as u64, None, || "the header".to_owned());
+            }
         }
     }
     let mut bounds = Bounds::new(bytes.len(), options);
     let mut corners = Vec::new();
     let mut cut = Vec::new();
     for (face, element) in (0..).zip(&faces) {
-        let Some(indices) = &element.corners else {
+        let Some(indices) = element.corners.as_ref().filter(|indices| !indices.contains(&RESTART)) else {
             return Err(Error::malformed(format!(
                 "face {face} has a corner that is not the number of a vertex"
             )));
@@ -169,7 +195,7 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             };
             corners.push(vertex.position);
         }
-        cut_face(&corners, &mut cut, &mut scene.findings);
+        cut_face(&corners, &mut cut, &mut scene.ledger, || format!("face {face}"));
         push_triangles(
             &corners,
             &cut,
@@ -180,13 +206,58 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
             &mut scene.triangles,
         );
     }
-    if !vertices.is_empty() && faces.is_empty() {
+    read_strips(&strips, &vertices, faces.len(), &mut scene)?;
+    if !vertices.is_empty() && faces.is_empty() && strips.is_empty() {
         scene
-            .findings
+            .ledger
             .warnings
             .push("the file has vertices and no faces: a point cloud has no surface to compute with".to_owned());
     }
     Ok(scene)
+}
+
+/// Adds the triangles of strips, as faces numbered from `first` on.
+fn read_strips(strips: &[Element], vertices: &[Element], first: usize, scene: &mut Scene) -> Result<(), Error> {
+    let too_many = || Error::malformed("has more faces than can be numbered");
+    let mut face = u32::try_from(first).map_err(|_| too_many())?;
+    for (number, element) in strips.iter().enumerate() {
+        let wrong = |what: &str| Error::malformed(format!("strip {number} has a corner {what}"));
+        let indices = element
+            .corners
+            .as_ref()
+            .ok_or_else(|| wrong("that is not the number of a vertex"))?;
+        for strip in indices.split(|&index| index == RESTART) {
+            let vertex = |index: u32| {
+                let vertex = vertices.get(index as usize).map(|vertex| vertex.position);
+                vertex.ok_or_else(|| {
+                    wrong(&format!(
+                        "at vertex {index}; there are {}, counted from 0",
+                        vertices.len()
+                    ))
+                })
+            };
+            if (1..3).contains(&strip.len()) {
+                scene.ledger.note("strip with fewer than 3 corners");
+            }
+            for (at, three) in strip.windows(3).enumerate() {
+                let &[a, b, c] = three else { continue };
+                // Repeated corners join strips.
+                if a == b || b == c || c == a {
+                    continue;
+                }
+                let [b, c] = if at % 2 == 0 { [b, c] } else { [c, b] };
+                scene.triangles.push(Triangle {
+                    corners: [vertex(a)?, vertex(b)?, vertex(c)?],
+                    object: 0,
+                    material: 0,
+                    face,
+                    two_sided: false,
+                });
+                face = face.checked_add(1).ok_or_else(too_many)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 fn excerpt(text: &str) -> String {

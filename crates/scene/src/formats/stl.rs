@@ -7,22 +7,23 @@
 //! # What becomes of what
 //! - 84 bytes and 50 for each triangle that bytes 80 to 83 announce: binary, whatever the header says
 //! - anything else that begins with `solid`: text; keywords in any case
-//! - `solid NAME`: an object; the same name later is the same object
+//! - `solid NAME`: an object. Where several have one name, or none, they are numbered as the file has them: `NAME 1`,
+//!   `solid 2`, and that is said
 //! - a facet's `vertex` lines: a triangle in full f64; a loop of more than three is cut as a polygon
 //! - a facet's normal: only compared: the order of the vertices says where the front is; facets whose normal says
-//!   otherwise are counted
+//!   otherwise are said
 //! - the attribute bytes of a binary triangle: skipped
-//! - bytes after the last announced triangle: skipped, counted
+//! - bytes after the last announced triangle: skipped, and said
 //! - fewer bytes than announced: an error
 //! - text that begins otherwise: an error
 //!
 //! STL names neither units nor an up axis.
 
 use crate::bounds::Bounds;
-use crate::names::Names;
 use crate::polygon::{Labels, cut_face, push_triangles};
-use crate::{Error, ErrorKind, Findings, Material, ReadOptions, Scene, Triangle};
+use crate::{Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
+use std::collections::HashMap;
 use std::path::Path;
 
 /// The binary header, the count after it, and a triangle.
@@ -69,7 +70,14 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         }
         Some(count) if bytes.len() > START + RECORD * count => {
             let more = (bytes.len() - START - RECORD * count) as u64;
-            scene.findings.count_many("byte after the last triangle", more);
+            let kind = Kind {
+                fate: Fate::LeftOut,
+                what: "byte after the last triangle",
+                next: "the header announces fewer triangles than the file has room for; get the file anew",
+            };
+            scene
+                .ledger
+                .lose(kind, more, None, || format!("byte {}", START + RECORD * count));
             binary(bytes, count, &mut scene);
         }
         Some(count) => {
@@ -117,7 +125,7 @@ fn binary(bytes: &[u8], count: usize, scene: &mut Scene) {
             DVec3::new(float(0), float(1), float(2))
         };
         let corners = [vector(12), vector(24), vector(36)];
-        compare_normal(vector(0), &corners, &mut scene.findings);
+        compare_normal(vector(0), &corners, &mut scene.ledger, face);
         scene.triangles.push(Triangle {
             corners,
             object: 0,
@@ -129,11 +137,17 @@ fn binary(bytes: &[u8], count: usize, scene: &mut Scene) {
 }
 
 /// Counts a facet with its normal against the order of its vertices.
-fn compare_normal(normal: DVec3, corners: &[DVec3], findings: &mut Findings) {
+fn compare_normal(normal: DVec3, corners: &[DVec3], ledger: &mut Ledger, face: u32) {
     if let [a, b, c, ..] = corners
         && (b - a).cross(c - a).dot(normal) < 0.0
     {
-        findings.count("facet whose normal contradicts the order of its vertices, which is followed");
+        let kind = Kind {
+            fate: Fate::Doubtful,
+            what: "facet whose normal contradicts the order of its vertices, which is followed",
+            next: "if normals are right, turn its object by `--flip`, or make normals anew in the modeller",
+        };
+        let area = 0.5 * (b - a).cross(c - a).length();
+        ledger.lose(kind, 1, Some(area), || format!("facet {face}"));
     }
 }
 
@@ -148,7 +162,7 @@ enum Place {
 }
 
 fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error> {
-    let mut objects = Names::default();
+    let mut objects: Vec<String> = Vec::new();
     let mut place = Place::Outside;
     let mut object = 0;
     let mut normal = DVec3::ZERO;
@@ -178,9 +192,10 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
         place = match (place, keyword.as_slice()) {
             (Place::Outside, b"solid") => {
                 let name = line.get(5..).unwrap_or_default().trim_ascii();
-                object = objects
-                    .number(&String::from_utf8_lossy(name))
-                    .map_err(|error| error.at(number))?;
+                object = u32::try_from(objects.len()).map_err(|_| {
+                    Error::new(ErrorKind::TooLarge("has more solids than can be numbered".to_owned())).at(number)
+                })?;
+                objects.push(String::from_utf8_lossy(name).into_owned());
                 Place::Solid
             }
             (Place::Solid, b"endsolid") => Place::Outside,
@@ -207,8 +222,8 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
             (Place::Loop, b"endloop") => Place::AfterLoop,
             (Place::AfterLoop, b"endfacet") => {
                 bounds.polygon(corners.len()).map_err(|error| error.at(number))?;
-                compare_normal(normal, &corners, &mut scene.findings);
-                cut_face(&corners, &mut cut, &mut scene.findings);
+                compare_normal(normal, &corners, &mut scene.ledger, face);
+                cut_face(&corners, &mut cut, &mut scene.ledger, || format!("line {number}"));
                 push_triangles(
                     &corners,
                     &cut,
@@ -230,8 +245,34 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
     if place != Place::Outside {
         return Err(Error::malformed("the file ends within a solid; it is cut short, get the whole of it").at(last));
     }
-    scene.objects = objects.names;
+    number_solids(&mut objects, &mut scene.ledger);
+    scene.objects = objects;
     Ok(())
+}
+
+/// Numbers solids that share a name, or have none.
+fn number_solids(names: &mut [String], ledger: &mut Ledger) {
+    let mut uses: HashMap<String, (u64, u64)> = HashMap::new();
+    for name in names.iter() {
+        uses.entry(name.clone()).or_default().0 += 1;
+    }
+    let kind = Kind {
+        fate: Fate::Doubtful,
+        what: "solid without a name of its own, numbered as the file has them",
+        next: "give the solids names where properties are to tell them apart",
+    };
+    for (at, name) in names.iter_mut().enumerate() {
+        if let Some((2.., so_far)) = uses.get_mut(name) {
+            *so_far += 1;
+            let number = *so_far;
+            *name = if name.is_empty() {
+                format!("solid {number}")
+            } else {
+                format!("{name} {number}")
+            };
+            ledger.lose(kind, 1, None, || format!("solid {}", at + 1));
+        }
+    }
 }
 
 fn float(word: &[u8]) -> Option<f64> {
@@ -270,7 +311,19 @@ mod tests {
         assert_eq!(scene.triangles[0].corners[2], DVec3::new(0.0, 1.25, 0.0));
         assert_eq!(scene.triangles.iter().map(|t| t.face).collect::<Vec<_>>(), [0, 1, 1]);
         let contradicting = "facet whose normal contradicts the order of its vertices, which is followed";
-        assert_eq!(scene.findings.get(contradicting), 1);
+        assert_eq!(scene.ledger.get(contradicting), 1);
+    }
+
+    #[test]
+    fn solids_of_one_name_or_none_are_numbered_as_the_file_has_them() {
+        let again = TEXT.replace("wall 2", "roof");
+        let scene = open(again.as_bytes()).unwrap();
+        assert_eq!(scene.objects, ["roof 1", "roof 2"]);
+        assert_eq!(scene.ledger.losses().count(), 2, "{}", scene.ledger);
+        let bare = TEXT.replace("solid roof", "solid").replace("SOLID wall 2", "SOLID");
+        assert_eq!(open(bare.as_bytes()).unwrap().objects, ["solid 1", "solid 2"]);
+        let alone = &bare[..bare.find("SOLID").unwrap()];
+        assert_eq!(open(alone.as_bytes()).unwrap().objects, [""]);
     }
 
     #[test]
@@ -282,7 +335,7 @@ mod tests {
         assert_eq!(scene.triangles[1].corners[2], DVec3::new(0.0, 1.0, 0.5));
         let mut longer = bytes.clone();
         longer.extend([0; 7]);
-        assert_eq!(open(&longer).unwrap().findings.get("byte after the last triangle"), 7);
+        assert_eq!(open(&longer).unwrap().ledger.get("byte after the last triangle"), 7);
     }
 
     #[test]

@@ -27,7 +27,7 @@
 use crate::bounds::Bounds;
 use crate::names::Names;
 use crate::openings::outside;
-use crate::{Error, Findings, ReadOptions, Scene, Triangle};
+use crate::{Error, Ledger, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::collections::VecDeque;
 use std::path::Path;
@@ -209,7 +209,7 @@ enum Kind {
 
 struct Reader<'a> {
     words: Words<'a>,
-    findings: Findings,
+    ledger: Ledger,
     vertices: Vec<DVec3>,
     surfaces: Vec<Surface>,
     study: Study,
@@ -219,7 +219,7 @@ impl<'a> Reader<'a> {
     fn of(text: &'a str) -> Result<Self, Error> {
         let mut reader = Self {
             words: Words::new(text),
-            findings: Findings::default(),
+            ledger: Ledger::default(),
             vertices: Vec::new(),
             surfaces: Vec::new(),
             study: Study::default(),
@@ -268,7 +268,7 @@ impl<'a> Reader<'a> {
             match element {
                 Some('T') => self.study.title = words[1..].join(" "),
                 Some('C' | 'X') => {
-                    self.findings.count("line of View3D's settings, not used");
+                    self.ledger.note("line of View3D's settings, not used");
                     if element == Some('C') {
                         self.controls(&words[1..]);
                     }
@@ -293,7 +293,7 @@ impl<'a> Reader<'a> {
                 Some('O') => self.surface(&words, Kind::Obstruction, planes)?,
                 Some('M') => self.surface(&words, Kind::Masking, planes)?,
                 _ => {
-                    self.findings.count("line of no element of View3D, skipped");
+                    self.ledger.note("line of no element of View3D, skipped");
                     if self.study.skipped.len() < SKIPPED {
                         self.study.skipped.push((shown(words[0]), self.words.line));
                     }
@@ -302,7 +302,7 @@ impl<'a> Reader<'a> {
         }
         if let Some((word, line)) = self.study.skipped.first() {
             let warning = format!("line {line}: `{word}` begins no element of a View3D file, and the line is skipped");
-            self.findings.warnings.push(warning);
+            self.ledger.warnings.push(warning);
         }
         Ok(())
     }
@@ -490,7 +490,7 @@ impl<'a> Reader<'a> {
         let mut objects = Names::default();
         let mut materials = Names::default();
         let mut scene = Scene {
-            findings: self.findings,
+            ledger: self.ledger,
             ..Scene::default()
         };
         let mut pieces: Vec<Vec<Vec<DVec3>>> = Vec::with_capacity(self.surfaces.len());
@@ -552,7 +552,7 @@ impl<'a> Reader<'a> {
         let masked = self.surfaces.iter().filter(|surface| surface.kind == Kind::Masking);
         let areas: Vec<f64> = masked.map(|surface| vector_area(&surface.corners).length()).collect();
         if !areas.is_empty() {
-            scene.findings.warnings.push(format!(
+            scene.ledger.warnings.push(format!(
                 "{} masking surfaces and what they cover, {} of area, are left out: they see each other alone; \
                  `hemicube view3d` has their rows",
                 areas.len(),
@@ -560,7 +560,7 @@ impl<'a> Reader<'a> {
             ));
         }
         if obstructions > 0 {
-            scene.findings.warnings.push(format!(
+            scene.ledger.warnings.push(format!(
                 "{obstructions} obstruction surfaces emit and receive here unless `--occluders 'obstruction*'` is given"
             ));
         }
@@ -633,11 +633,11 @@ mod tests {
             let scene = open(&WALL.replace("S 2 5 6 7 8", &format!("{covers} 2 8 7 6 5"))).unwrap();
             assert!((area_of(&scene, "wall") - 11.0).abs() < 1e-12 && area_of(&scene, "window") == 0.0);
             let warns = scene
-                .findings
+                .ledger
                 .warnings
                 .iter()
                 .any(|warning| warning.contains("1 of area"));
-            assert_eq!(warns, covers == "M", "{:?}", scene.findings.warnings);
+            assert_eq!(warns, covers == "M", "{:?}", scene.ledger.warnings);
         }
     }
 
@@ -729,7 +729,7 @@ mod tests {
             assert!(message.starts_with(expected), "{message}");
         }
         let skips = WALL.replace("C encl=0", "Q encl=0");
-        let warnings = open(&skips).unwrap().findings.warnings;
+        let warnings = open(&skips).unwrap().ledger.warnings;
         assert!(warnings[0].starts_with("line 2: `Q` begins no element"), "{warnings:?}");
         assert_eq!(study(skips.as_bytes()).unwrap().skipped, [("Q".to_owned(), 2)]);
     }
@@ -781,6 +781,6 @@ mod tests {
         )
         .unwrap();
         assert_eq!(scene.objects[1], "obstruction 2");
-        assert!(scene.findings.warnings[0].contains("--occluders 'obstruction*'"));
+        assert!(scene.ledger.warnings[0].contains("--occluders 'obstruction*'"));
     }
 }

@@ -7,15 +7,17 @@
 //! - XML arrays: text, base64 in place, base64 or raw at the end; plain or by zlib; both byte orders; headers of 32 and
 //!   64 bits; several pieces one after the other
 //! - legacy arrays: text and binary, versions 1 to 5 (cells as lists, or as offsets and connectivity)
-//! - triangles, quadrilaterals, polygons, pixels, strips, also of higher order by their corners: a face each. Its
-//!   number is the cell's number in VTK: vertices, lines, polygons, strips in polygonal data
+//! - triangles, quadrilaterals, polygons, pixels, strips: a face each; those of second order are cut by their mid-side
+//!   nodes, of higher order and of Bézier's form by their corners. Its number is the cell's number in VTK: vertices,
+//!   lines, polygons, strips in polygonal data
 //! - tetrahedra, hexahedra, voxels, wedges, pyramids: used where there is no surface cell: the faces that belong to one
 //!   of them only, turned out of it; counted otherwise
 //! - cell data `object`, `zone`, `group`, `region`, `PhysicalGroup`, `gmsh:physical`, `CellEntityIds`, `GeometryIds`,
 //!   in any case: the object, of the first of them that is there. Strings are names; the number 3 is `zone 3`, or the
 //!   third of the field data `zone_names`, from 0
 //! - cell data `material`, `MaterialIds`: the material, likewise
-//! - vertices and lines: counted; polyhedra and other cells: counted, with a warning
+//! - vertices and lines: counted; polyhedra and other cells, and cells with fewer or more points than their type has:
+//!   left out or read by their first, and said
 //! - images and structured grids: an error; extract their surface first
 //! - LZ4 and LZMA: an error; save without compression or by zlib
 //!
@@ -28,9 +30,9 @@ mod legacy;
 mod xml;
 
 use crate::bounds::Bounds;
-use crate::mesh::{Mesh, Shape};
+use crate::mesh::{HIGHER, Mesh, NO_NODE, Shape};
 use crate::polygon::Labels;
-use crate::{Error, ErrorKind, ReadOptions, Scene};
+use crate::{Error, ErrorKind, Fate, Kind as Lost, ReadOptions, Scene};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -209,7 +211,7 @@ impl Grid {
                 self.cells = face.checked_add(1).ok_or_else(too_many)?;
                 let kind = match &cells.kind {
                     Kind::Lesser(what) => {
-                        self.mesh.findings.count(what);
+                        self.mesh.ledger.note(what);
                         continue;
                     }
                     Kind::Polygons => POLYGON,
@@ -262,21 +264,40 @@ impl Grid {
         name.map_or_else(|| format!("{array} {number}"), str::to_owned)
     }
 
+    /// Records a cell that is not taken as the file says.
+    fn lose(&mut self, fate: Fate, what: &str, next: &str, labels: Labels) {
+        let place = || format!("cell {}", labels.face);
+        self.mesh.ledger.lose(Lost { fate, what, next }, 1, None, place);
+    }
+
     /// Adds a cell of one of VTK's types.
     fn cell(&mut self, kind: i64, corners: &[u32], labels: Labels) -> Result<(), Error> {
+        let extract = "extract the surface (in ParaView: Extract Surface) and open that";
         let (shape, order): (Shape, &[usize]) = match kind {
+            1 | 3 | 21 | 35 if corners.len() > points_of_line(kind) => {
+                let what = format!(
+                    "cell of VTK's type {kind} with {} points, more than it has",
+                    corners.len()
+                );
+                self.lose(Fate::LeftOut, &what, "its type or its points are wrong", labels);
+                return Ok(());
+            }
             1 | 2 => {
-                self.mesh.findings.count("vertex cell");
+                self.mesh.ledger.note("vertex cell");
                 return Ok(());
             }
             3 | 4 | 21 | 35 | 68 | 75 => {
-                self.mesh.findings.count("line cell");
+                self.mesh.ledger.note("line cell");
                 return Ok(());
             }
             STRIP => return self.strip(corners, labels),
             POLYGON => return self.mesh.push(Shape::Polygon, corners, labels),
             // Corners come first, then the points on edges.
-            36 => return self.mesh.push(Shape::Polygon, &corners[..corners.len() / 2], labels),
+            36 => {
+                let (corners, mids) = corners.split_at(corners.len() / 2);
+                let mids = mids.get(..corners.len()).unwrap_or_default();
+                return self.mesh.push_second(Shape::Polygon, corners, mids, None, labels);
+            }
             5 | 22 | 34 | 69 | 76 => (Shape::Polygon, &[0, 1, 2]),
             9 | 23 | 28 | 30 | 70 | 77 => (Shape::Polygon, &[0, 1, 2, 3]),
             8 => (Shape::Polygon, &[0, 1, 3, 2]),
@@ -285,17 +306,13 @@ impl Grid {
             12 | 25 | 29 | 33 | 72 | 79 => (Shape::Hexahedron, &[0, 1, 2, 3, 4, 5, 6, 7]),
             13 | 26 | 31 | 32 | 73 | 80 => (Shape::Wedge, &[0, 1, 2, 3, 4, 5]),
             14 | 27 | 37 | 74 | 81 => (Shape::Pyramid, &[0, 1, 2, 3, 4]),
+            42 => {
+                self.lose(Fate::LeftOut, "polyhedron, not read", extract, labels);
+                return Ok(());
+            }
             _ => {
-                let findings = &mut self.mesh.findings;
-                let reason = match kind {
-                    42 => "polyhedron, not read".to_owned(),
-                    _ => format!("cell of VTK's type {kind}, not read"),
-                };
-                if findings.get(&reason) == 0 && findings.warnings.len() < 4 {
-                    let extract = "extract the surface (in ParaView: Extract Surface) and open that";
-                    findings.warnings.push(format!("the mesh has a {reason}; {extract}"));
-                }
-                findings.count(&reason);
+                let what = format!("cell of VTK's type {kind}, not read");
+                self.lose(Fate::LeftOut, &what, extract, labels);
                 return Ok(());
             }
         };
@@ -309,10 +326,36 @@ impl Grid {
                 ))
             })?;
         }
-        if corners.len() > order.len() {
-            self.mesh.findings.count("element of higher order, read by its corners");
+        let ordered = &ordered[..order.len()];
+        let others = corners.get(order.len()..).unwrap_or_default();
+        if let Some((edges, centre)) = second(kind, others.len()) {
+            let count = if shape == Shape::Polygon {
+                order.len()
+            } else {
+                shape.edges().len()
+            };
+            let mut mids = [NO_NODE; 12];
+            for (&edge, &node) in edges.iter().zip(others) {
+                mids[edge] = node;
+            }
+            let centre = centre.and_then(|at| others.get(at).copied());
+            return self.mesh.push_second(shape, ordered, &mids[..count], centre, labels);
         }
-        self.mesh.push(shape, &ordered[..order.len()], labels)
+        if others.is_empty() {
+            return self.mesh.push(shape, ordered, labels);
+        }
+        if kind > 20 {
+            self.mesh
+                .ledger
+                .lose(HIGHER, 1, None, || format!("cell {}", labels.face));
+        } else {
+            let what = format!(
+                "cell of VTK's type {kind} with {} points, read by its first",
+                corners.len()
+            );
+            self.lose(Fate::Doubtful, &what, "its type or its points are wrong", labels);
+        }
+        self.mesh.push(shape, ordered, labels)
     }
 
     /// The triangles of a strip: every second is turned round.
@@ -324,6 +367,36 @@ impl Grid {
         }
         Ok(())
     }
+}
+
+/// Points of a vertex or a line.
+fn points_of_line(kind: i64) -> usize {
+    match kind {
+        1 => 1,
+        3 => 2,
+        21 => 3,
+        _ => 4,
+    }
+}
+
+/// The edges, by the order of [`Mesh`], that the points after the corners of a cell of second order lie on, and which
+/// of these points is at a face's centre; `None` for other cells.
+fn second(kind: i64, others: usize) -> Option<(&'static [usize], Option<usize>)> {
+    const EDGES: &[usize] = &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
+    Some(match (kind, others) {
+        // Quadratic, biquadratic and Lagrange's triangles.
+        (22 | 69, 3) | (34, 4) => (&EDGES[..3], None),
+        (23, 4) => (&EDGES[..4], None),
+        (28 | 70, 5) => (&EDGES[..4], Some(4)),
+        // Linear in the other direction.
+        (30, 2) => (&[0, 2], None),
+        (24 | 71, 6) => (&EDGES[..6], None),
+        (25, 12) | (29, 19) | (33, 16) => (EDGES, None),
+        (26, 9) | (32, 12) => (&EDGES[..9], None),
+        (31, 6) => (&EDGES[..6], None),
+        (27, 8) | (37, 14) => (&EDGES[..8], None),
+        _ => return None,
+    })
 }
 
 const STRIP: i64 = 6;

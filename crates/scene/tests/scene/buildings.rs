@@ -80,7 +80,7 @@ fn windows_are_cut_out_of_walls_and_face_into_the_zone() {
     // A wall that is all glass.
     let glass = open("ok-all-glass.idf");
     assert!(near(vector(&glass, "window"), 12.0 * DVec3::Y) && glass.triangles.len() == 2);
-    assert_eq!(glass.findings.get("surface without area"), 0);
+    assert_eq!(glass.ledger.get("surface without area"), 0);
     assert!(near(vector(&open("ok-short-words.idf"), "floor"), 12.0 * DVec3::Z));
     let wall = |scene: &Scene| {
         let t = scene.triangles[0];
@@ -93,7 +93,7 @@ fn windows_are_cut_out_of_walls_and_face_into_the_zone() {
     assert!(window.materials.iter().any(|material| material.name == "glass"));
     assert_eq!(
         open("ok-window-89.idf")
-            .findings
+            .ledger
             .get("window with a multiplier, taken once"),
         1
     );
@@ -106,7 +106,7 @@ fn both_sides_of_a_party_wall_face_their_zones_and_air_is_open() {
     assert!(near(vector(&scene, "party e"), -12.0 * DVec3::Y));
     let open_plan = open("ok-air-boundary.idf");
     assert_eq!(open_plan.objects, ["floor"]);
-    assert_eq!(open_plan.findings.get("surface of an air boundary, left out"), 2);
+    assert_eq!(open_plan.ledger.get("surface of an air boundary, left out"), 2);
     let air = open("ok-air.gbxml");
     assert_eq!(air.objects, ["Floor", "wall"]);
     assert!(
@@ -114,7 +114,7 @@ fn both_sides_of_a_party_wall_face_their_zones_and_air_is_open() {
         "{}",
         vector(&air, "wall")
     );
-    assert_eq!(air.findings.get("surface or opening of air, left open"), 2);
+    assert_eq!(air.ledger.get("surface or opening of air, left open"), 2);
     assert_eq!(open("ok-names-twice.gbxml").objects, ["floor", "b"]);
     assert_eq!(open("ok-feet.xml").metres_per_unit, Some(0.3048));
 }
@@ -152,8 +152,8 @@ fn zones_and_shading_stand_where_energyplus_puts_them() {
     // The floor faces up although it is clockwise in this file.
     assert!(near(vector(&scene, "floor"), 12.0 * DVec3::Z));
     assert!(near(vector(&open("ok-clockwise.idf"), "floor"), -12.0 * DVec3::Z));
-    assert_eq!(scene.findings.get("shading without corners, not read"), 1);
-    assert!(open("ok-no-rules.idf").findings.warnings[0].contains("GlobalGeometryRules"));
+    assert_eq!(scene.ledger.get("shading without corners, not read"), 1);
+    assert!(open("ok-no-rules.idf").ledger.warnings[0].contains("GlobalGeometryRules"));
     let json = open("ok-relative.epJSON");
     // A wall from (0, 0) to (4, 0), in a zone at x = 5 turned by 90° to (0, -4).
     let expected = turn(point(5.0, -4.0, 0.0), 30.0);

@@ -261,12 +261,12 @@ fn every_kind_is_near_its_target_and_sound() {
                 "{kind} of {target} has {reached}"
             );
             assert_eq!(
-                scene.findings.warnings.len(),
+                scene.ledger.warnings.len(),
                 usize::from(reached != target),
                 "{:?}",
-                scene.findings
+                scene.ledger
             );
-            assert!(scene.findings.counts.is_empty());
+            assert!(scene.ledger.entries.is_empty());
             let mut faces = HashSet::new();
             let mut used = vec![false; scene.objects.len()];
             for t in &scene.triangles {
@@ -733,8 +733,8 @@ fn written_scenes_read_back_bit_for_bit() {
     for kind in Kind::ALL {
         let scene = made(kind, 3_000, 11);
         let mut text = Vec::new();
-        let findings = write::obj_with_library(&scene, "scene.mtl", &mut text).unwrap();
-        assert!(findings.counts.is_empty(), "{kind}: {findings:?}");
+        let ledger = write::obj_with_library(&scene, "scene.mtl", &mut text).unwrap();
+        assert!(ledger.entries.is_empty(), "{kind}: {ledger:?}");
         let parsed = parse(std::str::from_utf8(&text).unwrap());
         assert_eq!(bits(&parsed), bits(&corners(&scene)), "{kind}");
         #[cfg(feature = "obj")]

@@ -565,9 +565,9 @@ fn points_lines_and_rests_are_counted() {
     root["meshes"][0]["primitives"] = (0..5).map(primitive).collect();
     let scene = read_json(&root).expect("points, lines and a triangle");
     assert_eq!(scene.triangles.len(), 1);
-    assert_eq!(scene.findings.get("point element"), 5);
-    assert_eq!(scene.findings.get("line element"), 2 + 5 + 4);
-    assert_eq!(scene.findings.get("primitive that ends inside a triangle"), 1);
+    assert_eq!(scene.ledger.get("point element"), 5);
+    assert_eq!(scene.ledger.get("line element"), 2 + 5 + 4);
+    assert_eq!(scene.ledger.get("primitive that ends inside a triangle"), 1);
     root["meshes"][0]["primitives"][0]["mode"] = json!(7);
     assert!(refusal(&root).contains("`meshes[0].primitives[0].mode` is 7"));
 }
@@ -603,7 +603,7 @@ fn quantised_positions_are_exact() {
             [DVec3::from_array(expected); 3],
             "type {code}, normalised {normalized}"
         );
-        assert!(scene.findings.counts.is_empty());
+        assert!(scene.ledger.entries.is_empty());
     }
     let mut root = file_of(&TRIANGLE);
     root["accessors"][0]["componentType"] = json!(5125);
@@ -724,7 +724,7 @@ fn names_and_sidedness_and_materials() {
     assert_eq!(names, ["", "material 1"]);
     assert_eq!(scene.materials[1].diffuse, Some([0.25, 0.125, 0.5]));
     assert_eq!(scene.materials[0].diffuse, None);
-    assert_eq!(scene.findings.get("reflectance texture not read"), 1);
+    assert_eq!(scene.ledger.get("reflectance texture not read"), 1);
     let sides: Vec<bool> = scene.triangles.iter().map(|t| t.two_sided).collect();
     assert_eq!(sides, [false, false, true, false, true]);
 }
@@ -751,7 +751,8 @@ fn compressed_geometry_is_read_only_with_a_fallback() {
     for (name, read) in [
         ("KHR_materials_clearcoat", true),
         ("EXT_texture_webp", true),
-        ("EXT_mesh_gpu_instancing", false),
+        ("EXT_mesh_gpu_instancing", true),
+        ("KHR_gaussian_splatting", false),
     ] {
         let mut root = file_of(&TRIANGLE);
         root["extensionsRequired"] = json!([name]);
@@ -760,19 +761,24 @@ fn compressed_geometry_is_read_only_with_a_fallback() {
 }
 
 #[test]
-fn copies_that_are_not_read_are_warned_of() {
+fn copies_by_instancing_stand_where_their_attributes_say() {
     let mut root = file_of(&TRIANGLE);
-    assert!(read_json(&root).expect("a scene").findings.warnings.is_empty());
+    let plain = read_json(&root).expect("a scene");
+    // The positions of the triangle as the places of three copies, in a node that is moved itself.
+    root["nodes"][0]["translation"] = json!([0, 0, 5]);
     root["nodes"][0]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 0 } } });
-    let findings = read_json(&root).expect("the mesh once").findings;
-    assert_eq!(findings.get("instanced node read once (EXT_mesh_gpu_instancing)"), 1);
-    assert!(
-        findings
-            .warnings
-            .iter()
-            .any(|warning| warning.contains("one node for each copy")),
-        "{findings:?}"
-    );
+    let scene = read_json(&root).expect("copies");
+    assert_eq!(scene.triangles.len(), 3);
+    for (copy, &place) in scene.triangles.iter().zip(&plain.triangles[0].corners) {
+        let due = plain.triangles[0]
+            .corners
+            .map(|corner| corner + place + DVec3::new(0.0, 0.0, 5.0));
+        assert_eq!(copy.corners, due);
+    }
+    // A mirroring scale turns the winding, and a wrong width is an error.
+    root["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = json!({ "ROTATION": 0 });
+    assert!(refusal(&root).contains("not 4 numbers an element"));
+    assert_eq!(scene.ledger.losses().count(), 0, "{}", scene.ledger);
 }
 
 #[test]
@@ -871,7 +877,7 @@ fn a_glb_is_read_whole_and_refused_at_every_cut() {
     }
     let longer = [&file[..], b"!"].concat();
     let scene = gltf::read(&longer, None, GEOMETRY).expect("a GLB with more behind it");
-    assert_eq!(scene.findings.get("byte after the end of the GLB"), 1);
+    assert_eq!(scene.ledger.get("byte after the end of the GLB"), 1);
 }
 
 #[test]
@@ -935,7 +941,7 @@ fn claims_are_refused_before_they_cost_anything() {
         .collect();
     root["nodes"] = (0..20_000).map(|_| json!({ "mesh": 0 })).collect();
     let scene = read_json(&root).expect("points");
-    assert_eq!(scene.findings.get("point element"), 20_000 * 20_000 * 3);
+    assert_eq!(scene.ledger.get("point element"), 20_000 * 20_000 * 3);
 
     assert!(
         gltf::read(&vec![b'{'; 5_000_000], None, GEOMETRY)
@@ -954,7 +960,7 @@ fn scenes_choose_what_is_read() {
     root["scenes"] = json!([{ "nodes": [1] }, { "nodes": [1, 0] }, {}]);
     let scene = read_json(&root).expect("no default scene");
     assert_eq!(
-        (scene.objects.as_slice(), scene.findings.warnings.len()),
+        (scene.objects.as_slice(), scene.ledger.warnings.len()),
         (&["b".to_owned()][..], 1)
     );
     root["scene"] = json!(1);

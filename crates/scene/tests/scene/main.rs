@@ -6,6 +6,7 @@ mod formats;
 mod fuzz_corpus;
 mod generate;
 mod gltf;
+mod losses;
 mod obj;
 mod repair;
 mod watertight;

@@ -49,7 +49,7 @@ fn line_ends_marks_and_blanks() {
         let scene = read(text);
         assert_eq!(scene.triangles.len(), 1, "{text:?}");
         assert_eq!(scene.triangles[0].corners, T, "{text:?}");
-        assert!(scene.findings.counts.is_empty(), "{text:?}: {:?}", scene.findings);
+        assert!(scene.ledger.entries.is_empty(), "{text:?}: {:?}", scene.ledger);
         assert_eq!((scene.objects, scene.materials.len()), (vec![String::new()], 1));
     }
 }
@@ -147,13 +147,13 @@ fn vertices() {
 fn corners_that_are_not_finite_are_kept_for_repair() {
     for x in ["nan", "inf", "-infinity", "1e400", "-1.#IND", "1.#QNAN # here"] {
         let scene = read(format!("{V}v 0 0 {x}\nf 1 2 3\nf 1 2 5\nf 1 2 3 5\nf 1 2 3\n"));
-        assert_eq!(scene.findings.get("face with a corner that is not finite"), 2, "{x}");
+        assert_eq!(scene.ledger.get("face with a corner that is not finite"), 2, "{x}");
         let faces: Vec<u32> = scene.triangles.iter().map(|t| t.face).collect();
         assert_eq!(faces, [0, 1, 2, 2, 3], "{x}");
         assert!(!scene.triangles[1].corners[2].z.is_finite());
     }
     // Without a face such a vertex is nobody's.
-    assert!(read(format!("{V}v nan nan nan\nf 1 2 3")).findings.counts.is_empty());
+    assert!(read(format!("{V}v nan nan nan\nf 1 2 3")).ledger.entries.is_empty());
 }
 
 #[test]
@@ -170,23 +170,24 @@ fn polygons() {
             .iter()
             .all(|t| (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).z > 0.0)
     );
-    assert_eq!(scene.findings.get("face with fewer than 3 corners"), 2);
-    assert_eq!(scene.findings.get("face without area"), 1);
-    assert_eq!(scene.findings.get("face with a repeated corner, mended"), 1);
-    assert_eq!(scene.findings.counts.len(), 3, "{:?}", scene.findings);
+    assert_eq!(scene.ledger.get("face with fewer than 3 corners"), 2);
+    assert_eq!(scene.ledger.get("face without area"), 1);
+    assert_eq!(scene.ledger.get("face with a repeated corner, mended"), 1);
+    assert_eq!(scene.ledger.entries.len(), 3, "{:?}", scene.ledger);
 }
 
 #[test]
-fn polygons_that_are_not_planar_or_cross_themselves_are_counted() {
+fn polygons_far_from_plane_and_those_that_cross_themselves_are_losses() {
     let count = |last: &str| {
         read(format!(
             "v 0 0 0\nv 4 0 0\nv 4 4 0\nv {last}\nv 1 2 0\nf 1 2 3 4\nf 1 2 3 4 5\n"
         ))
-        .findings
-        .get("face that is not planar or crosses itself")
+        .ledger
+        .get("face that crosses itself or is far from plane, cut into triangles")
     };
     assert_eq!(count("0 4 0"), 0);
-    assert_eq!(count("0 4 1"), 2);
+    assert_eq!(count("0 4 0.1"), 0);
+    assert_eq!(count("0 4 2"), 2);
     // Crossing the first edge.
     assert_eq!(count("3 -0.5 0"), 2);
 }
@@ -209,7 +210,7 @@ fn names_of_objects_and_materials() {
     assert_eq!(materials, ["", "dark  red", "wall#2"]);
     let uses: Vec<(u32, u32)> = scene.triangles.iter().map(|t| (t.object, t.material)).collect();
     assert_eq!(uses, [(0, 0), (1, 0), (2, 1), (1, 1), (2, 0), (1, 2), (0, 0)]);
-    assert!(scene.findings.counts.is_empty(), "{:?}", scene.findings);
+    assert!(scene.ledger.entries.is_empty(), "{:?}", scene.ledger);
 }
 
 #[test]
@@ -238,20 +239,28 @@ fn what_is_no_face_is_counted_or_skipped() {
         "{V}mtllib x.mtl\ns off\ns 1\nvt 0 0\nvn 0 0 1\nvp 0 0\nl 1 2 3\np 1 2\ncstype bezier\ndeg 3\ncurv 0 1 1 2 3\nparm u 0 1\nend\n\
          surf 0 1 0 1 1 2\ncall other.obj\nusemap x\ng#\n\nfoo bar\n<html>\nfoo\nV 1 2 3\nf 1 2 3\n"
     ));
-    let counts: Vec<(&str, u64)> = scene.findings.counts.iter().map(|(k, &n)| (k.as_str(), n)).collect();
+    let counts: Vec<(&str, u64)> = scene
+        .ledger
+        .entries
+        .iter()
+        .map(|(k, loss)| (k.as_str(), loss.count))
+        .collect();
     assert_eq!(
         counts,
         [
             ("command in the file, not run", 1),
-            ("free-form curve or surface", 2),
+            ("free-form curve", 1),
+            ("free-form surface", 1),
             ("line element", 1),
             ("line that is no OBJ, skipped", 4),
             ("point element", 1),
         ]
     );
-    assert_eq!(scene.findings.warnings.len(), 3);
+    let losses: Vec<&str> = scene.ledger.losses().map(|(what, _)| what).collect();
+    assert_eq!(losses, ["command in the file, not run", "free-form surface"]);
+    assert_eq!(scene.ledger.warnings.len(), 3);
     assert_eq!(
-        scene.findings.warnings[1],
+        scene.ledger.warnings[1],
         "line 24: `<html>` begins no statement of OBJ; the line was skipped"
     );
     assert_eq!(scene.triangles.len(), 1);
@@ -301,8 +310,8 @@ fn libraries_are_read_only_when_asked_for() {
     assert_eq!(of(2), (Some([0.5; 3]), None));
     assert_eq!(of(3), (Some([1.0; 3]), None));
     assert_eq!((of(4), of(5)), ((None, None), (None, None)));
-    assert_eq!(scene.findings.get("material that no library describes"), 1);
-    assert!(scene.findings.warnings.is_empty(), "{:?}", scene.findings);
+    assert_eq!(scene.ledger.get("material that no library describes"), 1);
+    assert!(scene.ledger.warnings.is_empty(), "{:?}", scene.ledger);
 
     let scene = obj::read(text.as_bytes(), Some(&folder), ReadOptions::default()).unwrap();
     assert!(
@@ -311,7 +320,7 @@ fn libraries_are_read_only_when_asked_for() {
             .iter()
             .all(|m| m.diffuse.is_none() && m.emission.is_none())
     );
-    assert!(scene.findings.counts.is_empty() && scene.findings.warnings.is_empty());
+    assert!(scene.ledger.entries.is_empty() && scene.ledger.warnings.is_empty());
 }
 
 #[test]
@@ -321,26 +330,26 @@ fn libraries_that_cannot_be_read_are_warned_of() {
     let text = format!("mtllib gone.mtl\nmtllib directory.mtl\nmtllib\n{V}usemtl one\nf 1 2 3\n");
     let scene = obj::read(text.as_bytes(), Some(&folder), OPTICS).unwrap();
     assert_eq!(scene.triangles.len(), 1);
-    assert_eq!(scene.findings.get("material library that could not be read"), 2);
+    assert_eq!(scene.ledger.get("material library that could not be read"), 2);
     assert!(
-        scene.findings.warnings[0].contains("`gone.mtl` could not be read"),
+        scene.ledger.warnings[0].contains("`gone.mtl` could not be read"),
         "{:?}",
-        scene.findings
+        scene.ledger
     );
     assert!(
-        scene.findings.warnings[1].contains("a regular file is needed"),
+        scene.ledger.warnings[1].contains("a regular file is needed"),
         "{:?}",
-        scene.findings
+        scene.ledger
     );
 
     let scene = obj::read(text.as_bytes(), None, OPTICS).unwrap();
-    assert_eq!(scene.findings.get("material library that could not be read"), 2);
+    assert_eq!(scene.ledger.get("material library that could not be read"), 2);
 
     // However many there are: a few warnings, and an end to opening files.
     let many: String = (0..5000).map(|i| format!("mtllib {i}.mtl\n")).collect();
     let scene = obj::read(many.as_bytes(), Some(&folder), OPTICS).unwrap();
-    assert_eq!(scene.findings.warnings.len(), 3);
-    assert_eq!(scene.findings.get("material library that could not be read"), 1001);
+    assert_eq!(scene.ledger.warnings.len(), 3);
+    assert_eq!(scene.ledger.get("material library that could not be read"), 1001);
 }
 
 #[cfg(unix)]
@@ -349,9 +358,9 @@ fn a_library_that_never_ends_is_not_read() {
     let text = format!("mtllib /dev/zero\n{V}f 1 2 3\n");
     let scene = obj::read(text.as_bytes(), Some(Path::new(".")), OPTICS).unwrap();
     assert!(
-        scene.findings.warnings[0].contains("leads out of the scene's folder"),
+        scene.ledger.warnings[0].contains("leads out of the scene's folder"),
         "{:?}",
-        scene.findings
+        scene.ledger
     );
 }
 
@@ -584,7 +593,7 @@ fn optics_of_the_cornell_boxes() {
         let light = scene.materials.iter().find(|m| m.name == "light").unwrap();
         assert_eq!(light.emission, Some([17.0, 12.0, 4.0]), "{file}");
         assert!(scene.materials.iter().all(|m| m.diffuse.is_some()), "{file}");
-        assert!(scene.findings.warnings.is_empty(), "{file}: {:?}", scene.findings);
+        assert!(scene.ledger.warnings.is_empty(), "{file}: {:?}", scene.ledger);
     }
 }
 
@@ -652,6 +661,6 @@ proptest! {
         let scene = obj::read(text.as_bytes(), None, ReadOptions::default()).unwrap();
         prop_assert!(scene.triangles.iter().all(|t| (t.face as usize) < faces.len()));
         let few = faces.iter().filter(|face| face.len() < 3).count() as u64;
-        prop_assert_eq!(scene.findings.get("face with fewer than 3 corners"), few);
+        prop_assert_eq!(scene.ledger.get("face with fewer than 3 corners"), few);
     }
 }

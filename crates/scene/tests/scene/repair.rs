@@ -6,7 +6,7 @@
 use glam::DVec3;
 use hemicube_scene::repair::{RepairOptions, RepairReport, repair};
 use hemicube_scene::survey::{Edges, Survey, survey};
-use hemicube_scene::{Axis, Material, Scene, Triangle};
+use hemicube_scene::{Axis, Material, ReadOptions, Scene, Triangle};
 use proptest::prelude::*;
 
 const KEEP: RepairOptions = RepairOptions { keep_duplicates: true };
@@ -539,4 +539,80 @@ fn real_scenes_have_the_edges_of_the_manifest() {
     }
     assert!(complaints.is_empty(), "{}", complaints.join("\n"));
     assert!(compared > 50, "{compared}");
+}
+
+/// A cube's floor as a polygon that begins at a corner of it, facing up or down, and its first triangle's sides.
+fn with_floor(again: &str) -> (Scene, hemicube_scene::repair::RepairReport) {
+    let text = format!(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0 0\nv 0.3 1 0\no floor\nf 1 2 3 4\no again\nf {again}\no roof\nv 0 0 \
+         1\nv 1 0 1\nv 1 1 1\nv 0 1 1\nf -1 -2 -3 -4\n"
+    );
+    let mut scene = hemicube_scene::obj::read(text.as_bytes(), None, ReadOptions::default()).unwrap();
+    let report = repair(&mut scene, RepairOptions::default());
+    (scene, report)
+}
+
+#[test]
+fn a_polygon_written_twice_is_one_whatever_corner_it_begins_at() {
+    for again in ["2 3 4 1", "1 5 2 3 6 4", "3 4 1 5 2", "4 1 2 3", "1 2 3 4"] {
+        let (scene, report) = with_floor(again);
+        assert_eq!(scene.triangles.len(), 4, "{again}: {report:?}");
+        let losses: Vec<_> = scene.ledger.losses().collect();
+        assert_eq!(losses.len(), 1, "{again}: {}", scene.ledger);
+        assert!((losses[0].1.area.unwrap() - 1.0).abs() < 1e-12 && losses[0].0.contains("very place"));
+        assert_eq!(losses[0].1.first.as_deref(), Some("`again`, face 1"));
+    }
+    // Another polygon of the same corners, and one that covers half of it, are none.
+    for again in ["1 2 4", "1 5 3 4", "1 2 4 3"] {
+        let (scene, _) = with_floor(again);
+        assert!(
+            scene.ledger.losses().all(|(what, _)| !what.contains("very place")),
+            "{again}"
+        );
+    }
+}
+
+#[test]
+fn a_polygon_written_back_to_back_is_cut_as_the_first() {
+    for again in ["4 3 2 1", "1 4 3 2", "4 6 3 2 5 1"] {
+        let (scene, report) = with_floor(again);
+        assert_eq!((scene.triangles.len(), report.duplicates), (6, 0), "{again}");
+        let triangles = &scene.triangles;
+        for (front, back) in triangles[..2].iter().zip(&triangles[2..4]) {
+            let corners = |t: &Triangle| {
+                let mut corners = t.corners.map(|corner| corner.to_array().map(f64::to_bits));
+                corners.sort_unstable();
+                corners
+            };
+            assert!(
+                triangles[2..4].iter().any(|other| corners(other) == corners(front)),
+                "{again}"
+            );
+            let normal = |t: &Triangle| (t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).z;
+            assert!(normal(front) > 0.0 && normal(back) < 0.0);
+        }
+    }
+}
+
+#[test]
+fn a_sheet_of_two_sides_takes_the_place_of_both() {
+    let mut scene = with_floor("2 3 4 1").0;
+    let sheet = scene.triangles[..2].to_vec();
+    let [a, b, c, d] = [
+        sheet[0].corners[0],
+        sheet[0].corners[1],
+        sheet[0].corners[2],
+        sheet[1].corners[2],
+    ];
+    let triangle = |corners| Triangle {
+        corners,
+        face: 9,
+        two_sided: true,
+        ..sheet[0]
+    };
+    scene.triangles.extend([triangle([d, c, b]), triangle([d, b, a])]);
+    let report = repair(&mut scene, RepairOptions::default());
+    assert_eq!((report.duplicate_faces, scene.triangles.len()), (1, 4));
+    let sides: Vec<bool> = scene.triangles.iter().map(|triangle| triangle.two_sided).collect();
+    assert_eq!(sides, [true, true, false, false]);
 }

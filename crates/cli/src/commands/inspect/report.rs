@@ -5,6 +5,7 @@ use crate::enclosure;
 use crate::prepare::{Prepared, RepairCounts, axis_name};
 use crate::report::{BackendReport, Input};
 use hemicube::diagnose::{DiagnoseOptions, Diagnosis, Enclosure, Finding, Precision, SceneStatistics, Unit};
+use hemicube::driver::settings::LossRecord;
 use hemicube::{InputPatch, Model};
 use hemicube_scene::survey::{Edges, Survey};
 use serde::Serialize;
@@ -19,8 +20,14 @@ pub(super) struct Report {
     pub(super) inputs: Vec<Input>,
     pub(super) scene: SceneReport,
     pub(super) repair: RepairCounts,
-    pub(super) findings: BTreeMap<String, u64>,
+    /// What was not taken as the file says.
+    pub(super) losses: Vec<LossRecord>,
+    /// What has no area, or is in the scene as it should be.
+    pub(super) noted: BTreeMap<String, u64>,
     pub(super) warnings: Vec<String>,
+    /// The coordinate reference system.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) crs: Option<String>,
     pub(super) patches: PatchReport,
     pub(super) octree: OctreeReport,
     pub(super) diagnosis: DiagnosisReport,
@@ -118,6 +125,8 @@ pub(super) struct EnclosureReport {
     pub(super) sentences: Vec<String>,
     #[serde(skip)]
     pub(super) leaks_said: Vec<String>,
+    #[serde(skip)]
+    pub(super) is_oriented: bool,
 }
 
 #[derive(Serialize)]
@@ -240,6 +249,7 @@ pub(super) fn diagnosis_report(prepared: &Prepared, diagnosis: Diagnosis) -> Dia
 pub(super) fn enclosure_report(prepared: &Prepared, options: DiagnoseOptions) -> EnclosureReport {
     let enclosure = enclosure::of(prepared, &enclosure::objects(prepared), options);
     EnclosureReport {
+        is_oriented: prepared.scene.is_oriented,
         sentences: enclosure::of_windings(prepared, &enclosure.winding),
         leaks_said: enclosure
             .leaks

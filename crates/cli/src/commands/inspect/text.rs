@@ -2,6 +2,7 @@
 
 use super::report::{DiagnosisReport, EdgeReport, EnclosureReport, FindingReport, Report};
 use crate::enclosure;
+use crate::escape::shown;
 use crate::report::{self, Listing, about, count, counted, duration, figures, percent, size};
 use hemicube::diagnose::{FindingKind, Unit};
 use hemicube::driver::storage_policy::StoragePolicy;
@@ -57,22 +58,17 @@ fn add_scene(list: &mut Listing, report: &Report) {
             counted(scene.materials as u64, "material")
         ),
     );
-    let dropped = [
-        (report.repair.non_finite, "not finite"),
-        (report.repair.degenerate, "without area"),
-        (report.repair.duplicates_dropped, "exactly on others"),
-    ];
-    for (number, what) in dropped.into_iter().filter(|(number, _)| *number > 0) {
-        list.add("dropped", format!("{} {what}", count(number)));
-    }
     if report.repair.reversed_duplicates > 0 {
         list.add(
             "back to back",
             format!("{}, kept", counted(report.repair.reversed_duplicates, "triangle")),
         );
     }
-    for (reason, number) in &report.findings {
-        list.add("in the file", format!("{} × {reason}", count(*number)));
+    for (what, number) in &report.noted {
+        list.add("in the file", format!("{} × {}", count(*number), shown(what)));
+    }
+    if let Some(crs) = &report.crs {
+        list.add("coordinates", format!("in `{}`", shown(crs)));
     }
 }
 
@@ -281,7 +277,7 @@ fn enclosure_text(report: &EnclosureReport) -> String {
         }
     }
     let found = &report.enclosure;
-    if let Some(sentence) = enclosure::of_groups(found) {
+    if let Some(sentence) = enclosure::of_groups(found).filter(|_| !report.is_oriented) {
         text.push_str(&format!(
             "\nApart:\n  {}\n",
             wrapped(&sentence, WIDTH - 2).join("\n    ")

@@ -4,7 +4,7 @@ use super::Arguments;
 use crate::exit::hinted;
 use crate::prepare::Prepared;
 use crate::report::{count, counted};
-use crate::selection::matches_glob;
+use crate::selection::{matches_glob, matching_objects};
 use anyhow::{Result, anyhow, bail};
 use glam::{DVec2, DVec3};
 use hemicube::frame::{Horizon, axes_of};
@@ -114,7 +114,7 @@ fn chosen(arguments: &Arguments, prepared: &Prepared) -> Result<Vec<bool>> {
     let scene = &prepared.scene;
     let mut chosen = vec![arguments.on.is_empty(); scene.triangles.len()];
     for glob in &arguments.on {
-        let objects: Vec<bool> = scene.objects.iter().map(|name| matches_glob(glob, name)).collect();
+        let objects = matching_objects(scene, glob);
         let materials: Vec<bool> = scene.materials.iter().map(|m| matches_glob(glob, &m.name)).collect();
         let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
         let mut any = false;

@@ -43,6 +43,38 @@ pub(super) struct Recorded {
     isothermal: bool,
 }
 
+/// Extent in metres from which a scene of machines or rooms is taken to be in millimetres, and the least where a name
+/// says so. A city of this size is asked about for nothing, a smaller bound would ask about more of them.
+const EXTENT_ASKED: [f64; 2] = [1000.0, 10.0];
+
+/// Asks once whether lengths are millimetres, where heat in watts depends on it.
+fn question_of_unit(manifest: &Manifest, table: &PatchTable) -> Option<String> {
+    let scale = manifest.settings["scale"].as_f64().unwrap_or(1.0);
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for centroid in &table.centroid {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(centroid[axis]);
+            high[axis] = high[axis].max(centroid[axis]);
+        }
+    }
+    let extent = low.iter().zip(high).map(|(low, high)| high - low).fold(0.0, f64::max);
+    let says_so = |name: &str| {
+        let name = name.to_ascii_lowercase();
+        name.split(|c: char| !c.is_ascii_alphabetic())
+            .any(|word| matches!(word, "mm" | "millimetre" | "millimeter"))
+    };
+    let named = says_so(&manifest.scene.file) || manifest.objects.iter().take(100).any(|name| says_so(name));
+    let due = if named { EXTENT_ASKED[1] } else { EXTENT_ASKED[0] };
+    (scale == 1.0 && extent >= due).then(|| {
+        format!(
+            "the scene is {} across, taken for metres; if they are millimetres, compute it with `--scale 0.001`: heat in \
+             watts goes with the area",
+            crate::report::figures(extent)
+        )
+    })
+}
+
 impl Recorded {
     fn of(kind: &Thermal) -> Self {
         let mut recorded = Self {
@@ -183,6 +215,9 @@ impl Exchange {
             }
         }
         if let Some(question) = question_of_cold(&cold) {
+            talk.warn(&question);
+        }
+        if let Some(question) = question_of_unit(&self.manifest, table) {
             talk.warn(&question);
         }
         let share = open_share(rows, &table.area);

@@ -62,7 +62,7 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "scale", "keep_duplicates"]
+        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
     )]
     pub(crate) store: Option<PathBuf>,
     /// Show what is seen in mirrors and panes, by FILE or the `scene` [default: the matrix's]

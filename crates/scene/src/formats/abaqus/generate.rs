@@ -305,7 +305,7 @@ impl Builder<'_> {
             if reflect && kind.shape != crate::mesh::Shape::Polygon {
                 return unsupported("solids are reflected; write their elements out");
             }
-            let count = usize::from(kind.corners);
+            let count = kind.used();
             let corner = first_corner as usize + (at - first as usize) * count;
             let shifted = |number: u32, shift: i64| u32::try_from(i64::from(number).saturating_add(shift)).ok();
             let corners: Option<Vec<u32>> = self.part.corners[corner..corner + count]
@@ -316,7 +316,11 @@ impl Builder<'_> {
                 return malformed("makes an element or a node of a number that can't be");
             };
             if reflect {
+                let (corners, others) = corners.split_at_mut(usize::from(kind.corners));
                 corners[1..].reverse();
+                // The edges after the corners.
+                let mids = others.len().min(corners.len());
+                others[..mids].reverse();
             }
             let total = self.part.numbers.len() as u64 + 1;
             self.bounds.triangles(total, 0).map_err(Refusal::TooLarge)?;
@@ -497,7 +501,7 @@ mod tests {
             1,  1,3,203,201,  2,103,202,101\n*ELGEN,ELSET=ROOF\n1,4,2,1,4,200,10\n*ELEMENT,TYPE=B32\n91,1,2,3\n\
             *ELGEN,ELSET=RIBS\n91,4,2,1\n*SHELL SECTION,MATERIAL=R1,ELSET=ROOF\n3.0, 3\n";
         let scene = open(text).unwrap();
-        assert_eq!((&*scene.objects.join(" "), scene.triangles.len()), ("ROOF", 32));
+        assert_eq!((&*scene.objects.join(" "), scene.triangles.len()), ("ROOF", 64));
         let area: f64 = scene
             .triangles
             .iter()
@@ -508,8 +512,8 @@ mod tests {
                     / 2.0
             })
             .sum();
-        // Four chords of 10 degrees, 300 long.
-        let exact = 4.0 * 2.0 * 300.0 * 5_f64.to_radians().sin() * 300.0;
+        // Eight chords of 5 degrees, 300 long: the nodes at the middles of sides lie on the arc.
+        let exact = 8.0 * 2.0 * 300.0 * 2.5_f64.to_radians().sin() * 300.0;
         assert!((area / exact - 1.0).abs() < 1e-12, "{area} {exact}");
     }
 
@@ -523,7 +527,7 @@ mod tests {
         assert!(
             open(&edges)
                 .unwrap()
-                .findings
+                .ledger
                 .warnings
                 .iter()
                 .any(|warning| warning.contains("edges alone"))

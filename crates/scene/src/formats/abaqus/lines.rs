@@ -6,7 +6,7 @@ use super::generate::cylindrical;
 use super::model::{Entry, Instance, Kind, Label, Members, Model, NONE, Part, Section, Set, Sides, Surface};
 use super::shown;
 use crate::bounds::Bounds;
-use crate::{Error, ReadOptions};
+use crate::{Error, Fate, Kind as Lost, ReadOptions};
 use glam::{DAffine3, DMat3, DVec3};
 use rules::Rules;
 use std::collections::HashSet;
@@ -194,6 +194,54 @@ impl Reader<'_> {
         self.file(text, file, depth + 1)
     }
 
+    /// Records what is not taken as the file says, at this line.
+    fn lose(&mut self, fate: Fate, what: &str, next: &str) {
+        let place = self.fail("");
+        let place = || {
+            place
+                .line
+                .map_or_else(|| "the file".to_owned(), |line| format!("line {line}"))
+        };
+        self.model.ledger.lose(Lost { fate, what, next }, 1, None, place);
+    }
+
+    /// Says so where a keyword that is not read nearly is one that is.
+    fn doubt(&mut self, keyword: &Keyword) {
+        const READ: &[&str] = &[
+            "NODE",
+            "ELEMENT",
+            "ELSET",
+            "NSET",
+            "SURFACE",
+            "PART",
+            "INSTANCE",
+            "INCLUDE",
+            "NGEN",
+            "NFILL",
+            "NCOPY",
+            "ELGEN",
+            "ELCOPY",
+            "SYSTEM",
+            "SHELLSECTION",
+            "SOLIDSECTION",
+            "ENDPART",
+            "ENDINSTANCE",
+        ];
+        let is_near = |read: &&&str| keyword.name != **read && distance(&keyword.name, read) <= 1 + read.len() / 8;
+        let has_elements = keyword
+            .get("TYPE")
+            .is_some_and(|kind| Kind::of(&kind.to_uppercase()).is_some());
+        let near = READ.iter().find(is_near).copied().or(has_elements.then_some("ELEMENT"));
+        if let Some(near) = near {
+            let what = format!("keyword `*{}`, not read", shown(&keyword.name));
+            self.lose(
+                Fate::LeftOut,
+                &what,
+                &format!("`*{near}` is read; mend it if that is meant"),
+            );
+        }
+    }
+
     /// Ends the data of a keyword.
     fn close(&mut self) -> Result<(), Error> {
         self.finish_rule()?;
@@ -247,9 +295,7 @@ impl Reader<'_> {
                 let made = keyword.get("COMBINE").is_some() || keyword.get("CROP").is_some();
                 match keyword.get("TYPE").map(str::to_uppercase).as_deref() {
                     _ if made => {
-                        self.model
-                            .findings
-                            .count("surface made of others, which have its sides");
+                        self.model.ledger.note("surface made of others, which have its sides");
                         self.rules.surfaces.insert((self.scope, name.to_uppercase()));
                         if keyword.get("CROP").is_none() {
                             self.card = Card::Combined;
@@ -257,7 +303,8 @@ impl Reader<'_> {
                     }
                     None | Some("ELEMENT") => self.card = Card::Surface(self.surface(&name)?),
                     Some(_) => {
-                        self.model.findings.count("surface that is not of elements, not read");
+                        let next = "surfaces of type ELEMENT are read";
+                        self.lose(Fate::LeftOut, "surface that is not of elements, not read", next);
                         self.rules.surfaces.insert((self.scope, name.to_uppercase()));
                     }
                 }
@@ -300,21 +347,19 @@ impl Reader<'_> {
             _ => None,
         };
         let Some(found) = Kind::of(kind) else {
-            let findings = &mut self.model.findings;
-            findings.count("line of elements of other types, not read");
+            let what = format!("`*ELEMENT` of type {}, no shells and no solids, not read", shown(kind));
+            self.lose(
+                Fate::LeftOut,
+                &what,
+                "shells and solids are read; mend the type if it is one of these",
+            );
             self.model.others.insert(self.scope);
-            if findings.warnings.len() < 4 {
-                findings.warnings.push(format!(
-                    "elements of type {} are no shells and no solids, and are not read",
-                    shown(kind)
-                ));
-            }
             return Ok(());
         };
-        if kind.contains("AX") && self.model.findings.warnings.len() < 4 {
+        if kind.contains("AX") && self.model.ledger.warnings.len() < 4 {
             let warning = "axisymmetric elements are read as faces where they lie, and not turned about their axis";
-            if !self.model.findings.warnings.iter().any(|other| other == warning) {
-                self.model.findings.warnings.push(warning.to_owned());
+            if !self.model.ledger.warnings.iter().any(|other| other == warning) {
+                self.model.ledger.warnings.push(warning.to_owned());
             }
         }
         let part = self.part();
@@ -495,9 +540,12 @@ impl Reader<'_> {
         if begins && self.pending.len() > due {
             // CalculiX takes as many as its type has.
             self.pending.truncate(due);
-            self.model
-                .findings
-                .count("element with more nodes than its type, read by its first");
+            let next = "its type or its nodes are wrong";
+            self.lose(
+                Fate::Doubtful,
+                "element with more nodes than its type, read by its first",
+                next,
+            );
         }
         if self.pending.len() > due {
             let found = self.pending.len() - 1;
@@ -513,7 +561,7 @@ impl Reader<'_> {
         let part = self.part();
         part.numbers.push(pending[0]);
         part.lines.push(line);
-        part.corners.extend_from_slice(&pending[1..=usize::from(kind.corners)]);
+        part.corners.extend_from_slice(&pending[1..=kind.used()]);
         let count = u32::try_from(part.numbers.len()).ok().filter(|&count| count < NONE);
         let count = count.ok_or_else(|| self.fail("more elements than can be numbered"))?;
         pending.clear();
@@ -631,4 +679,22 @@ impl Reader<'_> {
         self.card = Card::Placement(instance, read + 1);
         Ok(())
     }
+}
+
+/// Letters to put in, take away or change to make one word of another (Levenshtein 1966).
+fn distance(a: &str, b: &str) -> usize {
+    if a.len().abs_diff(b.len()) > 3 {
+        return usize::MAX;
+    }
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut before = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.bytes().enumerate() {
+            let changed = before + usize::from(x != y);
+            before = row[j + 1];
+            row[j + 1] = changed.min(before + 1).min(row[j] + 1);
+        }
+    }
+    row.last().copied().unwrap_or(0)
 }

@@ -2,7 +2,7 @@
 
 use super::generate::Places;
 use crate::mesh::Shape;
-use crate::{Error, Findings};
+use crate::{Error, Ledger};
 use glam::{DAffine3, DVec3};
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
@@ -21,6 +21,20 @@ pub(super) struct Kind {
 }
 
 impl Kind {
+    /// Number of nodes that are used: corners, and of elements of second order those on edges and at a face's centre.
+    pub(super) fn used(self) -> usize {
+        let corners = usize::from(self.corners);
+        let (second, centre) = match self.shape {
+            Shape::Polygon => (2 * corners, usize::from(self.corners == 4 && self.nodes == 9)),
+            shape => (corners + shape.edges().len(), 0),
+        };
+        if usize::from(self.nodes) < second {
+            corners
+        } else {
+            second + centre
+        }
+    }
+
     /// The kind of a type's name in upper case.
     pub(super) fn of(name: &str) -> Option<Self> {
         const SOLIDS: &[&str] = &["C3D", "DC3D", "DCC3D", "AC3D", "SC", "CSS"];
@@ -74,7 +88,7 @@ pub(super) struct Part {
     pub(super) blocks: Vec<Block>,
     pub(super) numbers: Vec<u32>,
     pub(super) lines: Vec<u32>,
-    /// Numbers of the nodes at corners.
+    /// Numbers of the nodes of elements that are used.
     pub(super) corners: Vec<u32>,
     /// Where nodes and elements are, for rules that name them.
     pub(super) node_places: Places,
@@ -173,7 +187,7 @@ pub(super) struct Model {
     /// Parts with elements of types that are not read.
     pub(super) others: HashSet<u32>,
     pub(super) sections: Vec<Section>,
-    pub(super) findings: Findings,
+    pub(super) ledger: Ledger,
     /// Where each stretch of lines began: the line in all, the file, and the line in it.
     pub(super) places: Vec<(u32, u32, u32)>,
     pub(super) files: Vec<Option<PathBuf>>,
@@ -200,7 +214,7 @@ impl Model {
             sides: Vec::new(),
             others: HashSet::new(),
             sections: Vec::new(),
-            findings: Findings::default(),
+            ledger: Ledger::default(),
             places: Vec::new(),
             files: vec![None],
         }
@@ -274,6 +288,11 @@ mod tests {
         ] {
             assert_eq!(of(name), Some((shape, corners, nodes)), "{name}");
         }
+        let used = [
+            "S4", "S6", "S7", "S8R", "S9R5", "C3D10", "C3D15", "C3D20", "C3D27", "C3D13", "C3D8",
+        ];
+        let used = used.map(|name| Kind::of(name).map(Kind::used));
+        assert_eq!(used, [4, 6, 6, 8, 9, 10, 15, 20, 20, 13, 8].map(Some));
         for name in [
             "B31", "T3D2", "SPRINGA", "MASS", "S", "", "3D", "C3D", "S300", "SAX1", "F3D4",
         ] {

@@ -6,9 +6,9 @@ use crate::bounds::Bounds;
 use crate::mesh::{Mesh, Shape, Side, Tags};
 use crate::names::Names;
 use crate::polygon::Labels;
-use crate::{Error, ErrorKind, Scene};
+use crate::{Error, ErrorKind, Fate, Kind as Lost, Scene};
 use glam::DAffine3;
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 /// No object yet.
 const FREE: u32 = u32::MAX;
@@ -27,7 +27,7 @@ pub(super) fn scene(mut model: Model, bounds: Bounds) -> Result<Scene, Error> {
         bounds,
         mesh: Mesh::default(),
     };
-    resolver.mesh.findings = std::mem::take(&mut resolver.model.findings);
+    resolver.mesh.ledger = std::mem::take(&mut resolver.model.ledger);
     if resolver.cell_count()? == 0 {
         return Err(Error::malformed(
             "has no shells and no solids; the file is cut short, or its mesh is in another one that it includes",
@@ -41,16 +41,16 @@ pub(super) fn scene(mut model: Model, bounds: Bounds) -> Result<Scene, Error> {
         return resolver.mesh.scene(resolver.bounds);
     }
     let cells = resolver.cell_count()?;
-    let before = resolver.mesh.findings.clone();
+    let before = resolver.mesh.ledger.clone();
     resolver.cells(&vec![0; cells], &materials)?;
     let sides = resolver.sides()?;
     let in_plane = (0..resolver.mesh.len()).any(|cell| resolver.mesh.shape(cell) == Some(Shape::Polygon));
     if sides.is_empty() && in_plane {
         let materials_of = std::mem::take(&mut resolver.mesh.materials);
         resolver.mesh = Mesh::default();
-        (resolver.mesh.findings, resolver.mesh.materials) = (before, materials_of);
+        (resolver.mesh.ledger, resolver.mesh.materials) = (before, materials_of);
         let warning = "surfaces of edges alone, of elements in a plane, are left out, and the elements read";
-        resolver.mesh.findings.warnings.push(warning.to_owned());
+        resolver.mesh.ledger.warnings.push(warning.to_owned());
         let objects = resolver.objects()?;
         resolver.cells(&objects, &materials)?;
         drop(resolver.model);
@@ -154,7 +154,7 @@ impl Resolver {
                     for &number in pool {
                         match numbers.place(u64::from(number)) {
                             Some(place) => cells.push(first + place),
-                            None => self.mesh.findings.count("element in a set that is not there"),
+                            None => self.mesh.ledger.note("element in a set that is not there"),
                         }
                     }
                     steps += pool.len();
@@ -247,6 +247,8 @@ impl Resolver {
         let mut objects = vec![FREE; cells];
         let mut names = Names::default();
         let mut late = Vec::new();
+        // The further sets of elements that several list.
+        let mut further: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
         for pass in 0..3 {
             let sets: Vec<usize> = match pass {
                 0 | 1 => (0..self.model.sets.len()).collect(),
@@ -275,13 +277,7 @@ impl Resolver {
                     }
                     let free = |cell: &&u32| objects[**cell as usize] == FREE;
                     let count = members.iter().filter(free).count();
-                    if pass == 0 {
-                        let others = (members.len() - count) as u64;
-                        self.mesh
-                            .findings
-                            .count_many("element of several sets, put into the first", others);
-                    }
-                    if count == 0 {
+                    if count == 0 && pass > 0 {
                         continue;
                     }
                     let object = names.number(&self.named(instance, &name))?;
@@ -289,6 +285,8 @@ impl Resolver {
                         let object_of = &mut objects[cell as usize];
                         if *object_of == FREE {
                             *object_of = object;
+                        } else if pass == 0 {
+                            further.entry(cell as usize).or_default().push(object);
                         }
                     }
                 }
@@ -296,8 +294,19 @@ impl Resolver {
         }
         self.rest(&mut objects, &mut names)?;
         // In the order of the elements.
-        for object in &mut objects {
-            *object = self.mesh.objects.number(&names.names[*object as usize])?;
+        let mut last: Option<(Vec<u32>, u32)> = None;
+        for (cell, object) in objects.iter_mut().enumerate() {
+            let others = further.remove(&cell).unwrap_or_default();
+            let key: Vec<u32> = std::iter::once(*object).chain(others).collect();
+            *object = match &last {
+                Some((before, number)) if *before == key => *number,
+                _ => {
+                    let names: Vec<String> = key.iter().map(|&name| names.names[name as usize].clone()).collect();
+                    let number = self.mesh.object(&names)?;
+                    last = Some((key, number));
+                    number
+                }
+            };
         }
         Ok(objects)
     }
@@ -337,15 +346,11 @@ impl Resolver {
             for (at, block) in part.blocks.iter().enumerate() {
                 let next = part.blocks.get(at + 1);
                 let end = next.map_or(part.numbers.len(), |next| next.first as usize);
-                let count = usize::from(block.kind.corners);
-                if block.kind.nodes > block.kind.corners {
-                    let elements = (end - block.first as usize) as u64;
-                    let findings = &mut self.mesh.findings;
-                    findings.count_many("element of higher order, read by its corners", elements);
-                }
+                let count = block.kind.used();
+                let corner_count = usize::from(block.kind.corners);
                 let corners = part.corners[block.first_corner as usize..].chunks_exact(count);
                 for (element, corners) in (block.first as usize..end).zip(corners) {
-                    let mut places = [0; 8];
+                    let mut places = [0; 20];
                     for (place, &number) in places.iter_mut().zip(corners) {
                         let found = nodes.place(u64::from(number)).and_then(|place| place.checked_add(base));
                         *place = found.ok_or_else(|| {
@@ -363,7 +368,14 @@ impl Resolver {
                         material: materials[face as usize],
                         face,
                     };
-                    self.mesh.push(block.kind.shape, &places[..count], labels)?;
+                    let (corners, others) = places[..count].split_at(corner_count);
+                    let edges = match block.kind.shape {
+                        Shape::Polygon => corner_count,
+                        shape => shape.edges().len(),
+                    };
+                    let (mids, centre) = others.split_at(edges.min(others.len()));
+                    self.mesh
+                        .push_second(block.kind.shape, corners, mids, centre.first().copied(), labels)?;
                     face += 1;
                 }
             }
@@ -382,11 +394,17 @@ impl Resolver {
             for instance in self.instances(scope) {
                 let cells = self.target(&lines, scope, instance)?;
                 let object = self.mesh.objects.number(&self.named(instance, &name))?;
-                let mut add = |cell: u32, side: u8, findings: &mut crate::Findings| {
+                let of_several = Lost {
+                    fate: Fate::Merged,
+                    what: "side of several surfaces, put into the first",
+                    next: "name each side in one surface",
+                };
+                let surface = self.model.surfaces[lines.surface as usize].name.clone();
+                let mut add = |cell: u32, side: u8, ledger: &mut crate::Ledger| {
                     let bit = 1 << side;
                     let taken = &mut taken[cell as usize];
                     if *taken & bit != 0 {
-                        findings.count("side of several surfaces, put into the first");
+                        ledger.lose(of_several, 1, None, || format!("surface `{}`", shown(&surface)));
                     } else {
                         *taken |= bit;
                         sides.push(Side { cell, side, object });
@@ -394,7 +412,7 @@ impl Resolver {
                 };
                 for &cell in &cells {
                     if let Some(side) = self.side(&lines, cell)? {
-                        add(cell, side, &mut self.mesh.findings);
+                        add(cell, side, &mut self.mesh.ledger);
                     }
                 }
                 if lines.label == Label::None {
@@ -403,7 +421,7 @@ impl Resolver {
                         if let (Ok(cell), Ok(side)) = (u32::try_from(cell), u8::try_from(side))
                             && cells.binary_search(&cell).is_ok()
                         {
-                            add(cell, side, &mut self.mesh.findings);
+                            add(cell, side, &mut self.mesh.ledger);
                         }
                     }
                 }
@@ -412,7 +430,14 @@ impl Resolver {
         let unused =
             (0..self.mesh.len()).filter(|&cell| self.mesh.shape(cell) == Some(Shape::Polygon) && taken[cell] == 0);
         let unused = unused.count() as u64;
-        self.mesh.findings.count_many("shell of no surface, left out", unused);
+        let kind = Lost {
+            fate: Fate::LeftOut,
+            what: "shell of no surface, left out",
+            next: "name its sides in a surface, or take the surfaces away, so that all shells are read",
+        };
+        let is_unused = |&cell: &usize| self.mesh.shape(cell) == Some(Shape::Polygon) && taken[cell] == 0;
+        let first = (0..self.mesh.len()).find(is_unused).unwrap_or(0);
+        self.mesh.ledger.lose(kind, unused, None, || format!("cell {first}"));
         Ok(sides)
     }
 
@@ -433,7 +458,13 @@ impl Resolver {
             return match (place, first) {
                 (Some(place), Some(first)) => Ok(vec![first + place]),
                 _ if self.model.others.contains(&u32::try_from(part).unwrap_or(NONE)) => {
-                    self.mesh.findings.count("side of an element of another type, left out");
+                    let kind = Lost {
+                        fate: Fate::LeftOut,
+                        what: "side of an element of another type, left out",
+                        next: "shells and solids are read",
+                    };
+                    let line = self.line_of(lines.line);
+                    self.mesh.ledger.lose(kind, 1, None, || line);
                     Ok(Vec::new())
                 }
                 _ => Err(self.model.fail(lines.line, format!("element {number} is not there"))),
@@ -447,6 +478,14 @@ impl Resolver {
         self.members(last, if of == NONE { instance } else { of })
     }
 
+    /// A line for a person.
+    fn line_of(&self, line: u32) -> String {
+        let error = self.model.fail(line, "");
+        error
+            .line
+            .map_or_else(|| format!("line {line}"), |line| format!("line {line}"))
+    }
+
     /// The side of a cell by a label; none for an edge, and for solids without a label.
     fn side(&mut self, lines: &Sides, cell: u32) -> Result<Option<u8>, Error> {
         let shape = self.mesh.shape(cell as usize).unwrap_or(Shape::Polygon);
@@ -458,7 +497,7 @@ impl Resolver {
             (Shape::Polygon, Label::Side(1)) if !plane => Some(0),
             (Shape::Polygon, Label::Side(2)) if !plane => Some(1),
             (Shape::Polygon, _) => {
-                self.mesh.findings.count("edge of a shell in a surface, left out");
+                self.mesh.ledger.note("edge of a shell in a surface, left out");
                 None
             }
             (_, Label::None) => None,

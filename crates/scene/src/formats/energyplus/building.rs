@@ -3,8 +3,8 @@
 use super::shown;
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::openings::{cut, vector_area};
-use crate::{Axis, Error, ErrorKind, Findings, Material, Scene, Triangle};
+use crate::openings::{cut, turn_with, vector_area};
+use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, Scene, Triangle};
 use glam::{DVec2, DVec3};
 use std::collections::{HashMap, HashSet};
 
@@ -164,6 +164,14 @@ pub(super) struct Face {
 }
 
 impl Face {
+    /// Name and line for a person.
+    pub(super) fn place(&self) -> String {
+        match self.line {
+            Some(line) => format!("`{}`, line {line}", shown(&self.name)),
+            None => format!("`{}`", shown(&self.name)),
+        }
+    }
+
     pub(super) fn fail(&self, reason: &str) -> Error {
         let error = Error::malformed(format!("surface `{}`: {reason}", shown(&self.name)));
         match self.line {
@@ -184,7 +192,7 @@ pub(super) struct Building {
     /// Shading with the class that says how it is placed.
     pub(super) shading: Vec<(Class, Face)>,
     pub(super) air: HashSet<String>,
-    pub(super) findings: Findings,
+    pub(super) ledger: Ledger,
 }
 
 /// A point turned clockwise seen from above, by degrees.
@@ -204,9 +212,25 @@ fn turned(point: DVec3, degrees: f64) -> DVec3 {
 }
 
 impl Building {
+    /// Records an object that is left out, wholly or in part.
+    pub(super) fn leave_out(&mut self, what: &str, next: &str, place: String) {
+        let fate = Fate::LeftOut;
+        self.ledger.lose(Kind { fate, what, next }, 1, None, || place);
+    }
+
+    /// Records an object of a class that EnergyPlus has not, with corners.
+    pub(super) fn doubt(&mut self, class: &str, place: String) {
+        let what = format!("object of class `{}` with corners, not read", shown(class));
+        self.leave_out(
+            &what,
+            "`BuildingSurface:Detailed` and its like are read; mend the class",
+            place,
+        );
+    }
+
     pub(super) fn scene(mut self, mut bounds: Bounds) -> Result<Scene, Error> {
         let rules = self.rules.unwrap_or_else(|| {
-            self.findings
+            self.ledger
                 .warnings
                 .push("there are no `GlobalGeometryRules`; relative and counterclockwise are assumed".to_owned());
             Rules::default()
@@ -241,6 +265,13 @@ impl Building {
                 place(&mut face.corners, Some(zone), self.north);
             }
         }
+        for (wall, openings) in self.surfaces.iter().zip(&openings) {
+            for &at in openings {
+                let opening = &mut self.openings[at];
+                let place = opening.place();
+                turn_with(&wall.corners, &mut opening.corners, &mut self.ledger, || place);
+            }
+        }
         let mut builder = Builder::default();
         // A hole is tied to its outline by two edges.
         let openings_corners = self.openings.iter().map(|face| 2 * face.corners.len());
@@ -252,17 +283,26 @@ impl Building {
                 .iter()
                 .map(|&at| self.openings[at].corners.as_slice())
                 .collect();
-            let off = |hole: &&&[DVec3]| !in_plane(&wall.corners, hole);
-            let off = holes.iter().filter(off).count() as u64;
-            self.findings.count_many("opening out of the plane of its wall", off);
+            for &at in openings {
+                let opening = &self.openings[at];
+                if !in_plane(&wall.corners, &opening.corners) {
+                    let kind = Kind {
+                        fate: Fate::Approximated,
+                        what: "opening out of the plane of its wall",
+                        next: "move it into the plane",
+                    };
+                    let area = 0.5 * vector_area(&opening.corners).length();
+                    self.ledger.lose(kind, 1, Some(area), || opening.place());
+                }
+            }
             let others = openings.iter().map(|&at| (&self.openings[at], [].as_slice()));
             for (face, holes) in std::iter::once((wall, holes.as_slice())).chain(others) {
                 if is_air(face) {
-                    self.findings.count("surface of an air boundary, left out");
+                    self.ledger.note("surface of an air boundary, left out");
                     builder.face += 1;
                     continue;
                 }
-                builder.add(face, holes, &face.construction, false, &mut bounds, &mut self.findings)?;
+                builder.add(face, holes, &face.construction, false, &mut bounds, &mut self.ledger)?;
             }
         }
         for (class, face) in &mut self.shading {
@@ -277,7 +317,7 @@ impl Building {
             if !rules.world && *class != Class::SiteShading {
                 place(&mut face.corners, zone, self.north);
             }
-            builder.add(face, &[], "shading", true, &mut bounds, &mut self.findings)?;
+            builder.add(face, &[], "shading", true, &mut bounds, &mut self.ledger)?;
         }
         let material = |name| Material {
             name,
@@ -287,9 +327,11 @@ impl Building {
             triangles: builder.triangles,
             objects: builder.objects.names,
             materials: builder.materials.names.into_iter().map(material).collect(),
-            findings: self.findings,
+            ledger: self.ledger,
             up: Some(Axis::Z),
             metres_per_unit: Some(1.0),
+            is_oriented: true,
+            ..Scene::default()
         })
     }
 }
@@ -331,7 +373,7 @@ impl Builder {
         material: &str,
         two_sided: bool,
         bounds: &mut Bounds,
-        findings: &mut Findings,
+        ledger: &mut Ledger,
     ) -> Result<(), Error> {
         let located = |error: Error| match error.kind {
             ErrorKind::TooLarge(reason) => Error {
@@ -343,7 +385,8 @@ impl Builder {
             },
             kind => Error::new(kind),
         };
-        let triangles = cut(&face.corners, holes, bounds, findings).map_err(located)?;
+        let place = || face.place();
+        let triangles = cut(&face.corners, holes, bounds, ledger, place).map_err(located)?;
         let object = self.objects.number(&face.name)?;
         let material = self.materials.number(material)?;
         let number = self.face;

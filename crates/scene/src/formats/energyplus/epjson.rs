@@ -1,6 +1,7 @@
 //! Objects of epJSON: classes with objects by name, whose fields have names.
 
 use super::building::{Building, Class, Face, Rules, Zone, refused, rotated};
+use super::shown;
 use crate::Error;
 use glam::DVec3;
 use serde::Deserialize;
@@ -174,10 +175,44 @@ impl<'de> Visitor<'de> for Classes<'_> {
                     self.0.any = true;
                     map.next_value_seed(Objects(self.0, class))?;
                 }
-                None => drop(map.next_value::<IgnoredAny>()?),
+                None => {
+                    let first = match map.next_value::<Unknown>()? {
+                        Unknown::Objects(objects) => objects.into_iter().find(|(_, of)| of.has_corners()),
+                        Unknown::Other(_) => None,
+                    };
+                    if let Some((object, _)) = first {
+                        self.0.building.doubt(&name, format!("`{}`", shown(&object)));
+                    }
+                }
             }
         }
         Ok(())
+    }
+}
+
+/// A class that is not known: whether its objects have corners.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Unknown {
+    Objects(std::collections::BTreeMap<String, Corners>),
+    Other(IgnoredAny),
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Corners {
+    List { vertices: Vec<IgnoredAny> },
+    Single { vertex_3_z_coordinate: f64 },
+    Other(IgnoredAny),
+}
+
+impl Corners {
+    fn has_corners(&self) -> bool {
+        match self {
+            Self::List { vertices } => vertices.len() > 2,
+            Self::Single { vertex_3_z_coordinate } => vertex_3_z_coordinate.is_finite(),
+            Self::Other(_) => false,
+        }
     }
 }
 
@@ -231,7 +266,8 @@ fn enter(building: &mut Building, class: Class, name: String, fields: Fields) ->
         Class::Surface | Class::Wall => building.surfaces.push(face(name, fields, |fields| &fields.zone_name)?),
         Class::Opening => {
             if number(&fields.multiplier) > 1.0 {
-                building.findings.count("window with a multiplier, taken once");
+                let place = format!("`{}`", shown(&name));
+                building.leave_out("window with a multiplier, taken once", "write each window out", place);
             }
             building
                 .openings
@@ -244,8 +280,17 @@ fn enter(building: &mut Building, class: Class, name: String, fields: Fields) ->
         Class::AirBoundary => {
             building.air.insert(name.trim().to_uppercase());
         }
-        Class::Mass => building.findings.count("internal mass, which has no place"),
-        Class::OtherShading => building.findings.count("shading without corners, not read"),
+        Class::Mass => {
+            building.leave_out(
+                "internal mass, which has no place",
+                "make surfaces of it",
+                format!("`{}`", shown(&name)),
+            );
+        }
+        Class::OtherShading => {
+            let next = "write it as `Shading:Building:Detailed`";
+            building.leave_out("shading without corners, not read", next, format!("`{}`", shown(&name)));
+        }
         Class::Compliance if number(&fields.building_rotation_for_appendix_g) != 0.0 => return Err(rotated()),
         Class::Compliance | Class::Refused => {}
     }

@@ -17,7 +17,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Building, Error> {
     while objects.next()? {
         any = true;
         let (class, line) = objects.fields[0];
-        let Some(known) = Class::of(class) else { continue };
+        let Some(known) = Class::of(class) else {
+            if has_corners(class, &objects.fields[1..]) {
+                building.doubt(class, format!("line {line}"));
+            }
+            continue;
+        };
         let object = Object {
             fields: &objects.fields[1..],
             class: known,
@@ -35,6 +40,24 @@ pub(super) fn read(bytes: &[u8]) -> Result<Building, Error> {
     }
     Ok(building)
 }
+
+/// Returns whether an object of an unknown class ends with a number of corners and as many points.
+fn has_corners(class: &str, fields: &[(&str, u64)]) -> bool {
+    let is_number = |text: &str| text.parse::<f64>().is_ok_and(f64::is_finite);
+    let is_matrix = class.get(..6).is_some_and(|word| word.eq_ignore_ascii_case("matrix"));
+    let ends_with = |count: usize| {
+        let at = fields.len().checked_sub(3 * count + 1);
+        at.and_then(|at| fields.get(at))
+            .is_some_and(|&(text, _)| text.parse() == Ok(count))
+            && fields[fields.len() - 3 * count..]
+                .iter()
+                .all(|&(text, _)| is_number(text))
+    };
+    !is_matrix && (3..=(fields.len() / 3).min(CORNERS_SOUGHT)).any(ends_with)
+}
+
+/// Most corners by which a surface of an unknown class is known.
+const CORNERS_SOUGHT: usize = 32;
 
 /// The objects of a text, one after the other.
 struct Objects<'a> {
@@ -142,7 +165,8 @@ impl Object<'_> {
                 let face = self.face(2, 3, [9, 10])?;
                 let header = self.fields.len() - 3 * face.corners.len();
                 if self.number(header - 2)? > 1.0 {
-                    building.findings.count("window with a multiplier, taken once");
+                    let place = format!("line {}", self.line);
+                    building.leave_out("window with a multiplier, taken once", "write each window out", place);
                 }
                 building.openings.push(face);
             }
@@ -153,8 +177,17 @@ impl Object<'_> {
             Class::AirBoundary => {
                 building.air.insert(self.text(0).to_uppercase());
             }
-            Class::Mass => building.findings.count("internal mass, which has no place"),
-            Class::OtherShading => building.findings.count("shading without corners, not read"),
+            Class::Mass => {
+                building.leave_out(
+                    "internal mass, which has no place",
+                    "make surfaces of it",
+                    format!("line {}", self.line),
+                );
+            }
+            Class::OtherShading => {
+                let next = "write it as `Shading:Building:Detailed`";
+                building.leave_out("shading without corners, not read", next, format!("line {}", self.line));
+            }
             Class::Compliance if self.number(0)? != 0.0 => return Err(rotated().at(self.line)),
             Class::Compliance | Class::Refused => {}
         }

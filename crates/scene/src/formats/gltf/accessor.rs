@@ -207,6 +207,11 @@ impl Layout {
         self.width == 3 && self.component != Component::U32
     }
 
+    /// Returns whether an element has this many numbers.
+    pub(super) fn has_width(&self, width: usize) -> bool {
+        self.width == width
+    }
+
     /// Returns whether the elements have no bytes in the file: they are then all zero.
     pub(super) fn is_zero(&self) -> bool {
         self.elements.is_none() && self.sparse.is_none()
@@ -408,9 +413,13 @@ impl<'a> Elements<'a> {
 
     /// Element `n` < count of positions.
     pub(super) fn position(&self, n: usize) -> DVec3 {
-        self.element(n).map_or(DVec3::ZERO, |bytes| {
-            DVec3::from_array([0, 1, 2].map(|axis| self.component.read(bytes, axis, self.normalized)))
-        })
+        DVec3::from_array(self.numbers(n))
+    }
+
+    /// The numbers of element `n` < count, which has so many.
+    pub(super) fn numbers<const N: usize>(&self, n: usize) -> [f64; N] {
+        let read = |bytes| std::array::from_fn(|at| self.component.read(bytes, at, self.normalized));
+        self.element(n).map_or([0.0; N], read)
     }
 
     /// Element `n` < count of indices, checked to be below `vertex_count`.

@@ -9,7 +9,8 @@ pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_c
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 /// Required extensions that do not change the shape of the scene, or whose shape is read.
-const READ: [&str; 7] = [
+const READ: [&str; 8] = [
+    INSTANCING,
     "KHR_mesh_quantization",
     "KHR_lights_punctual",
     "EXT_lights_ies",
@@ -53,11 +54,6 @@ pub(super) fn check(document: &Document<'_>) -> Result<(), Error> {
         }
         if MESHOPT.contains(&name) {
             return Err(meshopt("the file", name));
-        }
-        if name == INSTANCING {
-            return Err(Error::unsupported(format!(
-                "requires `{INSTANCING}`, which is not read; export the scene with one node for each copy"
-            )));
         }
         if !READ.contains(&name) && !READ_FAMILIES.iter().any(|family| name.starts_with(family)) {
             return Err(Error::unsupported(format!(

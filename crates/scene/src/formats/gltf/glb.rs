@@ -6,7 +6,7 @@
 //! ```
 
 use super::MEND;
-use crate::{Error, Findings};
+use crate::{Error, Ledger};
 
 /// The contents of a `.gltf` or `.glb` file.
 pub(super) struct Container<'a> {
@@ -21,7 +21,7 @@ const JSON: u32 = 0x4e4f_534a;
 const BIN: u32 = 0x004e_4942;
 
 /// Splits a file, taken for a GLB if it begins like one.
-pub(super) fn open<'a>(bytes: &'a [u8], findings: &mut Findings) -> Result<Container<'a>, Error> {
+pub(super) fn open<'a>(bytes: &'a [u8], ledger: &mut Ledger) -> Result<Container<'a>, Error> {
     if bytes.is_empty() {
         return Err(Error::malformed("is empty; export the scene again"));
     }
@@ -60,7 +60,7 @@ pub(super) fn open<'a>(bytes: &'a [u8], findings: &mut Findings) -> Result<Conta
             bytes.len()
         )));
     }
-    findings.count_many("byte after the end of the GLB", (bytes.len() - length) as u64);
+    ledger.note_many("byte after the end of the GLB", (bytes.len() - length) as u64);
 
     // `rest` still begins with the length; the chunks follow it.
     let mut rest = rest.get(4..length - 8).unwrap_or_default();
@@ -89,7 +89,7 @@ pub(super) fn open<'a>(bytes: &'a [u8], findings: &mut Findings) -> Result<Conta
             JSON => return Err(Error::malformed(format!("the GLB has a second JSON chunk; {MEND}"))),
             BIN if bin.is_some() => return Err(Error::malformed(format!("the GLB has a second BIN chunk; {MEND}"))),
             BIN => bin = Some(chunk),
-            _ => findings.count("GLB chunk of another kind"),
+            _ => ledger.note("GLB chunk of another kind"),
         }
         rest = after;
         number += 1;

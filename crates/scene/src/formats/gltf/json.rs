@@ -3,7 +3,7 @@
 
 use super::MEND;
 use super::glb::Container;
-use crate::{Error, ErrorKind, Findings};
+use crate::{Error, ErrorKind, Ledger};
 use serde_json::{Map, Value};
 use std::fmt;
 
@@ -14,10 +14,10 @@ const OBJECTS_MAX: usize = 1 << 22;
 const VALUES_MAX: usize = 1 << 26;
 
 /// Parses the JSON text of a file. Nesting is bounded by `serde_json`'s own limit of 128.
-pub(super) fn parse(container: &Container<'_>, findings: &mut Findings) -> Result<Value, Error> {
+pub(super) fn parse(container: &Container<'_>, ledger: &mut Ledger) -> Result<Value, Error> {
     let mut text = crate::text::unmarked(container.json)?;
     if text.len() < container.json.len() {
-        findings.count("byte order mark");
+        ledger.note("byte order mark");
     }
     // Some writers pad the JSON chunk with zeros in place of spaces.
     while let Some(rest) = text.strip_suffix(b"\0") {

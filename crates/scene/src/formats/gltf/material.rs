@@ -1,7 +1,7 @@
 //! Materials: names, sidedness and, when asked for, reflectance and emission.
 
 use super::json::{Document, Object};
-use crate::{Error, Findings, Gloss, Material, ReadOptions};
+use crate::{Error, Gloss, Ledger, Material, ReadOptions};
 
 /// The materials of a file, read when first used.
 pub(super) struct Materials<'d, 'v> {
@@ -28,7 +28,7 @@ impl<'d, 'v> Materials<'d, 'v> {
     }
 
     /// Position among the used materials of the one with this index in the file, and whether it is two-sided.
-    pub(super) fn resolve(&mut self, index: Option<usize>, findings: &mut Findings) -> Result<(u32, bool), Error> {
+    pub(super) fn resolve(&mut self, index: Option<usize>, ledger: &mut Ledger) -> Result<(u32, bool), Error> {
         let slot = index.unwrap_or(self.document.materials.len());
         if let Some(Some(resolved)) = self.resolved.get(slot) {
             return Ok(*resolved);
@@ -46,7 +46,7 @@ impl<'d, 'v> Materials<'d, 'v> {
                     ..Material::default()
                 };
                 if self.options.optics {
-                    read_optics(&object, &mut material, findings)?;
+                    read_optics(&object, &mut material, ledger)?;
                 }
                 (material, object.boolean("doubleSided")?.unwrap_or(false))
             }
@@ -92,24 +92,24 @@ fn gloss(object: &Object<'_>, surface: &Object<'_>, colour: [f64; 3], metallic: 
 /// The index of refraction where a file gives none.
 const INDEX_OF_GLASS: f64 = 1.5;
 
-fn read_optics(object: &Object<'_>, material: &mut Material, findings: &mut Findings) -> Result<(), Error> {
+fn read_optics(object: &Object<'_>, material: &mut Material, ledger: &mut Ledger) -> Result<(), Error> {
     if let Some(surface) = object.object("pbrMetallicRoughness")? {
         let [r, g, b, _] = surface.numbers::<4>("baseColorFactor")?.unwrap_or([1.0; 4]);
         let metallic = surface.number("metallicFactor")?.unwrap_or(1.0);
         let diffuse = [r, g, b].map(|colour| colour * (1.0 - metallic));
         if diffuse.iter().any(|d| !(0.0..=1.0).contains(d)) {
-            findings.count("reflectance outside 0 to 1, clamped");
+            ledger.note("reflectance outside 0 to 1, clamped");
         }
         material.diffuse = Some(diffuse.map(|d| d.clamp(0.0, 1.0)));
         material.gloss = gloss(object, &surface, [r, g, b], metallic)?;
         for texture in ["baseColorTexture", "metallicRoughnessTexture"] {
             if surface.has(texture) {
-                findings.count("reflectance texture not read");
+                ledger.note("reflectance texture not read");
             }
         }
     }
     if object.has_extension(&["KHR_materials_pbrSpecularGlossiness"])? {
-        findings.count("KHR_materials_pbrSpecularGlossiness not read");
+        ledger.note("KHR_materials_pbrSpecularGlossiness not read");
     }
     if let Some(factor) = object.numbers::<3>("emissiveFactor")? {
         let strength = match object.extension("KHR_materials_emissive_strength")? {
@@ -117,11 +117,11 @@ fn read_optics(object: &Object<'_>, material: &mut Material, findings: &mut Find
             None => 1.0,
         };
         if factor.iter().any(|f| *f < 0.0) || strength < 0.0 {
-            findings.count("negative emission, read as none");
+            ledger.note("negative emission, read as none");
         }
         material.emission = Some(factor.map(|f| (f * strength).max(0.0)));
         if object.has("emissiveTexture") {
-            findings.count("emission texture not read");
+            ledger.note("emission texture not read");
         }
     }
     Ok(())

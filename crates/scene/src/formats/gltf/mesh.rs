@@ -32,6 +32,12 @@ impl Topology {
     }
 }
 
+/// Findings of meshes that are losses.
+pub(super) const NO_POSITIONS: &str = "primitive without positions";
+pub(super) const HALF_A_TRIANGLE: &str = "primitive that ends inside a triangle";
+pub(super) const UNQUANTIZED: &str = "integer positions without KHR_mesh_quantization";
+pub(super) const MORPHED: &str = "morph targets ignored";
+
 /// A primitive with at least one triangle.
 pub(super) struct Primitive {
     /// Index of the mesh, for messages.
@@ -53,8 +59,8 @@ pub(super) struct Mesh<'v> {
     /// Primitives with triangles. The others are only counted, so that placing a mesh costs no more than its triangles.
     pub(super) primitives: Vec<Primitive>,
     pub(super) triangle_count: u64,
-    /// Findings counted each time a node places the mesh.
-    pub(super) findings: BTreeMap<&'static str, u64>,
+    /// Ledger counted each time a node places the mesh.
+    pub(super) counts: BTreeMap<&'static str, u64>,
 }
 
 /// All meshes of a file, with every accessor of positions and indices checked against the buffers' claimed lengths.
@@ -70,17 +76,14 @@ pub(super) fn plan<'v>(document: &Document<'v>) -> Result<Vec<Mesh<'v>>, Error> 
             name: object.name(),
             primitives: Vec::new(),
             triangle_count: 0,
-            findings: BTreeMap::new(),
+            counts: BTreeMap::new(),
         };
         for (number, primitive) in object.required_list("primitives")?.iter().enumerate() {
             if let Some((primitive, component)) =
-                plan_primitive(document, &primitive?, index, number, &mut mesh.findings)?
+                plan_primitive(document, &primitive?, index, number, &mut mesh.counts)?
             {
                 if component != Component::F32 && !quantized {
-                    *mesh
-                        .findings
-                        .entry("integer positions without KHR_mesh_quantization")
-                        .or_default() += 1;
+                    *mesh.counts.entry(UNQUANTIZED).or_default() += 1;
                 }
                 mesh.triangle_count = mesh.triangle_count.saturating_add(primitive.triangle_count as u64);
                 mesh.primitives.push(primitive);
@@ -97,11 +100,11 @@ fn plan_primitive(
     primitive: &Object<'_>,
     mesh: usize,
     number: usize,
-    findings: &mut BTreeMap<&'static str, u64>,
+    counts: &mut BTreeMap<&'static str, u64>,
 ) -> Result<Option<(Primitive, Component)>, Error> {
     let mut count = |reason: &'static str, n: usize| {
         if n > 0 {
-            let total = findings.entry(reason).or_default();
+            let total = counts.entry(reason).or_default();
             *total = total.saturating_add(n as u64);
         }
     };
@@ -111,7 +114,7 @@ fn plan_primitive(
     let material = primitive.reference("material", &document.materials)?;
     let mode = primitive.whole("mode")?.unwrap_or(4);
     let Some(positions) = attributes.reference("POSITION", &document.accessors)? else {
-        count("primitive without positions", 1);
+        count(NO_POSITIONS, 1);
         return Ok(None);
     };
 
@@ -171,14 +174,11 @@ fn plan_primitive(
         Topology::List => corner_count.is_multiple_of(3),
         Topology::Strip | Topology::Fan => corner_count >= 3,
     };
-    count("primitive that ends inside a triangle", usize::from(!whole));
+    count(HALF_A_TRIANGLE, usize::from(!whole));
     if triangle_count == 0 {
         return Ok(None);
     }
-    count(
-        "morph targets ignored",
-        usize::from(primitive.list("targets")?.len() > 0),
-    );
+    count(MORPHED, usize::from(primitive.list("targets")?.len() > 0));
     let primitive = Primitive {
         mesh,
         number,

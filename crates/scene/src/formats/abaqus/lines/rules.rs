@@ -217,7 +217,10 @@ impl Reader<'_> {
                 Some(rule) => rule,
                 None => return Ok(()),
             },
-            _ => return Ok(()),
+            _ => {
+                self.doubt(keyword);
+                return Ok(());
+            }
         };
         self.rules.current = Some((rule, self.line));
         self.card = Card::Rule;
@@ -315,7 +318,8 @@ impl Reader<'_> {
                 }
                 let master = repeat.master;
                 if self.model.others.contains(&self.scope) && !self.build(|builder| Ok(builder.has(master)))? {
-                    self.model.findings.count("rule for elements of other types, not read");
+                    let next = "shells and solids are read";
+                    self.lose(crate::Fate::LeftOut, "rule for elements of other types, not read", next);
                     return Ok(rule);
                 }
                 let (master, [begin, end]) = self.build(|builder| builder.repeat(&repeat))?;
