@@ -35,11 +35,14 @@ struct EmbeddingPage;
 #[doc = include_str!("../../docs/walks.md")]
 struct WalksPage;
 
+pub mod bits;
+pub mod board;
 pub mod browser;
 pub mod cases;
 pub mod devices;
 pub mod extremes;
 pub mod geometry;
+pub mod golden;
 pub mod matrices;
 pub mod plugins;
 pub mod promise;
