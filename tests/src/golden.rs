@@ -367,8 +367,12 @@ impl<'b> Cursor<'b> {
     }
 }
 
+/// The fewest rays over a row's hemisphere.
+const RAYS_AT_LEAST: f64 = 65_536.0;
+
 /// The mean squared difference of two estimates of the same rows, in their own variances: about 1 if both are right.
-/// Over entries of both with an error, ΣF, escaped and blocked. What either may have missed adds to the variance.
+/// Over entries, ΣF, escaped and blocked. That one of the two has an entry and the other no ray to it is chance as far as
+/// rays go: its variance is F over the rays of a row.
 pub fn disagreement(a: &[ReferenceRow], b: &[ReferenceRow]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     let mut hold = |difference: f64, variance: f64| {
@@ -380,17 +384,18 @@ pub fn disagreement(a: &[ReferenceRow], b: &[ReferenceRow]) -> f64 {
     };
     for (a, b) in a.iter().zip(b) {
         assert_eq!(a.emitter, b.emitter, "the same rows");
-        let missed = a.missed_squared + b.missed_squared;
         let mut entries = std::collections::BTreeMap::new();
         for (row, side) in [(a, 0), (b, 1)] {
             for ((&column, &value), &error) in row.columns.iter().zip(&row.values).zip(&row.errors) {
                 entries.entry(column).or_insert([None; 2])[side] = Some((value, error));
             }
         }
-        for [one, two] in entries.into_values() {
-            let (x, e) = one.unwrap_or((0.0, missed.sqrt()));
-            let (y, f) = two.unwrap_or((0.0, missed.sqrt()));
-            hold(x - y, e * e + f * f);
+        for sides in entries.into_values() {
+            match sides {
+                [Some((x, e)), Some((y, f))] => hold(x - y, e * e + f * f),
+                [Some((x, e)), None] | [None, Some((x, e))] => hold(x, e * e + x / RAYS_AT_LEAST),
+                [None, None] => {}
+            }
         }
         hold(a.sum() - b.sum(), a.sum_noise().powi(2) + b.sum_noise().powi(2));
         let of_shares = a.error_of_shares.powi(2) + b.error_of_shares.powi(2);
@@ -484,6 +489,14 @@ mod tests {
         assert!(
             disagreement(&rows, &off) > 100.0,
             "an entry without an error must be right"
+        );
+        off = rows.clone();
+        off[2].columns.clear();
+        off[2].values.clear();
+        off[2].errors.clear();
+        assert!(
+            disagreement(&rows, &off) > 100.0,
+            "no ray to a third of the hemisphere is no chance"
         );
         off = rows.clone();
         off[1].escaped += 0.02;
