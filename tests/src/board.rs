@@ -457,7 +457,7 @@ pub fn errors(reference: &[ReferenceRow], found: &BTreeMap<u32, Found>, toleranc
             variance += 4.0 * (d * error).powi(2) + 2.0 * error.powi(4) + 2.0 * d.powi(4);
             let beyond = d.abs() - 3.0 * error;
             // NaN must show.
-            if !(beyond <= worst_entry) {
+            if exceeds(beyond, worst_entry) {
                 worst_entry = beyond;
             }
         }
@@ -516,12 +516,17 @@ const STEPS: f64 = 0.02;
 /// Share by which a lower tolerance may take fewer steps.
 const FEWER: f64 = 0.01;
 
+/// NaN is within nothing, and once it is the worst, it stays so.
+fn exceeds(value: f64, limit: f64) -> bool {
+    value > limit || value.is_nan()
+}
+
 /// What is worse in `new` than in `old`, in words.
 pub fn worse(new: &Cell, old: &Cell) -> Vec<String> {
     let mut found = Vec::new();
     let place = format!("{} {}", new.scene, new.level);
-    // Written so that NaN is worse.
-    if !(new.error.powi(2) - old.error.powi(2) <= DEVIATIONS * new.spread.hypot(old.spread)) {
+    let grown = new.error.powi(2) - old.error.powi(2);
+    if exceeds(grown, DEVIATIONS * new.spread.hypot(old.spread)) {
         found.push(format!("{place}: error {:.3e}, committed {:.3e}", new.error, old.error));
     }
     for (figure, new, old, noise) in [
@@ -532,11 +537,11 @@ pub fn worse(new: &Cell, old: &Cell) -> Vec<String> {
         ("worst entry", new.worst_entry, old.worst_entry, 0.0),
     ] {
         // Rows that were exact stay so to a millionth.
-        if !(new <= (1.0 + SCATTER) * old + DEVIATIONS * noise + 1e-6) {
+        if exceeds(new, (1.0 + SCATTER) * old + DEVIATIONS * noise + 1e-6) {
             found.push(format!("{place}: {figure} {new:.3e}, committed {old:.3e}"));
         }
     }
-    if !(new.steps <= (1.0 + STEPS) * old.steps) {
+    if exceeds(new.steps, (1.0 + STEPS) * old.steps) {
         found.push(format!(
             "{place}: {:.0} steps a row, committed {:.0}",
             new.steps, old.steps
