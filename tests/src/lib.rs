@@ -5,6 +5,7 @@
 //! | variable | meaning |
 //! | --- | --- |
 //! | `HEMICUBE_SCENES` | the folder of real scenes; otherwise `../shared/scenes` beside the workspace |
+//! | `HEMICUBE_BOARD=all` | the scoreboard computes every cell anew, not those of a minute |
 //! | `HEMICUBE_REQUIRE_SCENES=1` | a test that would skip for want of a scene, or of what unpacks it, fails |
 //! | `HEMICUBE_TEST_BACKEND` | the backend that tests of form factors run over, in place of the built-in one |
 //! | `HEMICUBE_REQUIRE_BACKENDS` | names of backends, with commas: a test that would skip for want of a device fails |
@@ -18,6 +19,7 @@
 //! | `HEMICUBE_REQUIRE_MDBOOK=1` | a test that would skip for want of it fails |
 //! | `HEMICUBE_REQUIRE_BROWSER=1` | a test that would skip for want of Chromium and its driver fails |
 //! | `HEMICUBE_REQUIRE_DISPLAY=1` | a test that would skip for want of Xvfb and xwd fails |
+//! | `HEMICUBE_REQUIRE_BITS=1` | a test that would skip off Linux on x86-64 fails |
 //! | `HEMICUBE_REQUIRE_CLUSTER=1` | a test that would skip for want of Slurm, MPI or root fails |
 
 /// The page's backend in Rust compiles.
@@ -35,11 +37,14 @@ struct EmbeddingPage;
 #[doc = include_str!("../../docs/walks.md")]
 struct WalksPage;
 
+pub mod bits;
+pub mod board;
 pub mod browser;
 pub mod cases;
 pub mod devices;
 pub mod extremes;
 pub mod geometry;
+pub mod golden;
 pub mod matrices;
 pub mod plugins;
 pub mod promise;

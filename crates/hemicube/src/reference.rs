@@ -52,6 +52,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
 use visibility::{Met, Occluders, Sight};
 
+/// Raised whenever the same settings give other rows: rows kept in files are of one version.
+pub const VERSION: u32 = 1;
+
 /// Precision of reference rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceSettings {
