@@ -802,7 +802,7 @@ mod tests {
             change(&mut new);
             worse(&new, &old).len()
         };
-        assert_eq!(with(|c| c.error = 1.01e-2), 0, "within three standard deviations");
+        assert_eq!(with(|c| c.error = 1.001e-2), 0, "within three standard deviations");
         assert_eq!(with(|c| c.error = 1.1e-2), 1);
         assert_eq!(with(|c| c.error = f64::NAN), 1);
         assert_eq!(with(|c| c.sums_95 = 2.7e-3), 0);

@@ -484,7 +484,7 @@ mod tests {
         assert!(disagreement(&rows, &rows) < 1e-9);
         let mut off = rows.clone();
         off[0].values[0] += 2e-3;
-        assert!((1.0..2.0).contains(&disagreement(&rows[..1], &off[..1])));
+        assert!((0.3..1.5).contains(&disagreement(&rows[..1], &off[..1])));
         off[0].values[1] += 1e-3;
         assert!(
             disagreement(&rows, &off) > 100.0,

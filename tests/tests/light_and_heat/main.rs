@@ -15,3 +15,4 @@ mod portal_refusals;
 mod portal_uses;
 mod portals;
 mod sky_settling;
+mod yardsticks;
