@@ -128,7 +128,7 @@ fn help_says_the_bound_that_holds() {
     let help = place.line("check --help").is(0).out;
     let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(
-        words.contains("for sums of pixels 1e-6 and the form's rounding; else none"),
+        words.contains("for sums of pixels 1e-6 and the form's rounding; else a doubt beyond the run's tolerance"),
         "{help}"
     );
     place.line("generate room --patches 100 -o room.obj -q").is(0);
