@@ -42,9 +42,11 @@ tools_folder() {
 }
 
 # python_environment NAME PIP_ARGUMENT ... — prints the Python of an environment that has these packages. One is made for each
-# list of arguments, and each content of what `-r` names.
+# list of arguments, and each content of what `-r` names. With `--made` first, it fails where none was made.
 python_environment() {
-    local name=$1 folder key argument
+    local made= name folder key argument
+    [ "$1" != --made ] || { made=1; shift; }
+    name=$1
     shift
     command -v python3 >/dev/null || return 1
     key=$({ python3 -c 'import sys; print(sys.version, sys.executable)'
@@ -52,6 +54,7 @@ python_environment() {
         sha256sum | cut -c1-12)
     folder=$(tools_folder)/$name-$key || return 1
     if ! [ -f "$folder/complete" ]; then
+        [ -z "$made" ] || return 1
         rm -rf "$folder"
         python3 -m venv "$folder" >&2 && "$folder/bin/python" -m pip install -q --disable-pip-version-check "$@" >&2 || return 1
         touch "$folder/complete"
