@@ -35,7 +35,7 @@ enum Kind {
 }
 
 /// Options that are keywords of `Scene`, `compute`, `sky`, `solve` or `Matrix.export` and the like.
-const KEYWORDS: [(&str, Kind); 37] = [
+const KEYWORDS: [(&str, Kind); 38] = [
     ("allow-large", Kind::Truth),
     ("as-stored", Kind::Truth),
     ("backend", Kind::Text),
