@@ -67,6 +67,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The words left on this line of a text; none in binary.
+    #[cfg(feature = "gmsh")]
     pub(crate) fn words_left(&self) -> usize {
         if self.binary {
             return 0;

@@ -26,7 +26,6 @@ mod ledger;
 mod mesh;
 #[cfg(any(
     feature = "obj",
-    feature = "stl",
     feature = "vs3",
     feature = "cityjson",
     feature = "_buildings",

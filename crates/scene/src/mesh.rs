@@ -25,6 +25,7 @@ pub(crate) const NO_NODE: u32 = u32::MAX;
 const STRAIGHT: f64 = 1e-6;
 
 /// Elements of third and higher order.
+#[cfg(any(feature = "gmsh", feature = "vtk"))]
 pub(crate) const HIGHER: Kind<'static> = Kind {
     fate: Fate::Approximated,
     what: "element of higher order, read by its corners",
@@ -123,6 +124,7 @@ struct Face {
 
 impl Mesh {
     /// Adds a cell of first order; `labels.face` rises from cell to cell.
+    #[cfg(feature = "vtk")]
     pub(crate) fn push(&mut self, shape: Shape, corners: &[u32], labels: Labels) -> Result<(), Error> {
         self.push_second(shape, corners, &[], None, labels)
     }
@@ -587,28 +589,37 @@ impl Faces {
             ..Material::default()
         };
         let mut names = objects.names;
+        let mut triangles = self.triangles;
         let mut further_names = BTreeMap::new();
-        let mut uses: HashMap<&str, usize> = HashMap::new();
-        // A file may have a name a cell.
-        let several = if further.is_empty() { &[] } else { &names[..] };
-        for (number, name) in (0..).zip(several) {
-            let first = further.get(&number).and_then(|names| names.first());
-            *uses.entry(first.unwrap_or(name).as_str()).or_default() += 1;
-        }
-        let is_alone = |name: &str| uses.get(name) == Some(&1);
-        let alone: Vec<bool> = further
-            .values()
-            .map(|names| names.first().is_some_and(|name| is_alone(name)))
-            .collect();
-        for ((number, mut of), alone) in further.into_iter().zip(alone) {
-            // Where another object begins with its first name, it shows all of them.
-            if let Some(name) = names.get_mut(number as usize).filter(|_| alone) {
-                *name = of.remove(0);
+        if !further.is_empty() {
+            // Names that only stood for a copy of an element in a further group are of no object.
+            let used: std::collections::BTreeSet<u32> = triangles.iter().map(|triangle| triangle.object).collect();
+            let numbers: HashMap<u32, u32> = used.iter().copied().zip(0..).collect();
+            for triangle in &mut triangles {
+                triangle.object = numbers.get(&triangle.object).copied().unwrap_or(0);
             }
-            further_names.insert(number, of);
+            let name_of = |number: &u32| names.get(*number as usize).cloned().unwrap_or_default();
+            let mut all: Vec<Vec<String>> = Vec::with_capacity(used.len());
+            for number in &used {
+                all.push(further.get(number).cloned().unwrap_or_else(|| vec![name_of(number)]));
+            }
+            let mut uses: HashMap<&String, usize> = HashMap::new();
+            for first in all.iter().filter_map(|names| names.first()) {
+                *uses.entry(first).or_default() += 1;
+            }
+            let mut shown = Vec::with_capacity(all.len());
+            for (number, of) in (0..).zip(&all) {
+                // Where another object begins with its first name, it shows all of them.
+                let is_alone = of.first().is_some_and(|first| uses.get(first) == Some(&1));
+                shown.push(if is_alone { of[0].clone() } else { of.join(BETWEEN) });
+                if of.len() > 1 {
+                    further_names.insert(number, of[usize::from(is_alone)..].to_vec());
+                }
+            }
+            names = shown;
         }
         Scene {
-            triangles: self.triangles,
+            triangles,
             objects: names,
             further_names,
             materials: materials.names.into_iter().map(material).collect(),

@@ -112,7 +112,7 @@ pub(super) fn coincident(triangles: &[Triangle]) -> Vec<Vec<Face>> {
         .filter(|face| face.len() > 1)
         .filter_map(|face| Some((digest(&found(&face)?.0), face)))
         .collect();
-    digests.sort_unstable_by(|a, b| (a.0, a.1.start).cmp(&(b.0, b.1.start)));
+    digests.sort_unstable_by_key(|(digest, face)| (*digest, face.start));
     let mut groups = Vec::new();
     for same in digests.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
         let mut by_outline: BTreeMap<Outline, Vec<Face>> = BTreeMap::new();
