@@ -218,11 +218,14 @@ fn columns_seen(factors: &dyn Factors, threads: usize) -> Result<Vec<bool>> {
     Ok(all.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
+/// The runs of a share, as they are read.
+type Runs<'r> = &'r mut dyn Iterator<Item = Result<Arc<Part>>>;
+
 /// Calls `each` with the runs of every share, on some threads; the results in the order of shares.
 fn by_shares<T: Send>(
     factors: &dyn Factors,
     threads: usize,
-    each: &(dyn Fn(&mut dyn Iterator<Item = Result<Arc<Part>>>) -> Result<T> + Sync),
+    each: &(dyn Fn(Runs<'_>) -> Result<T> + Sync),
 ) -> Result<Vec<T>> {
     let shares = SUMS.min(factors.run_count());
     let results: Vec<Mutex<Option<Result<T>>>> = (0..shares).map(|_| Mutex::default()).collect();
@@ -442,7 +445,8 @@ mod tests {
     fn rows(count: usize) -> Vec<Vec<f64>> {
         let entry = |i: usize, j: usize| match (i * 7 + j * 5) % 4 {
             0 => 0.0,
-            other => other as f64 / (4.0 * count as f64),
+            // As f32 has them.
+            other => other as f64 / 128.0,
         };
         (0..count)
             .map(|i| (0..count).map(|j| if i == j { 0.0 } else { entry(i, j) }).collect())
