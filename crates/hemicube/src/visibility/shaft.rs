@@ -805,10 +805,11 @@ fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bo
             .map(|h| if h.abs() <= slack { 0.0 } else { h })
     };
     let (of_emitter, of_receiver) = (heights(&pair.emitter), heights(&pair.receiver));
-    let side = of_emitter.iter().sum::<f64>();
-    let is_beside =
-        |heights: [f64; 3], side: f64| heights.iter().all(|h| h * side >= 0.0) && heights.iter().any(|&h| h != 0.0);
-    if !is_beside(of_emitter, side) || !is_beside(of_receiver, -side) {
+    let is_above = |heights: [f64; 3], sign: f64| {
+        heights.iter().all(|h| h * sign >= 0.0) && heights.iter().any(|h| h * sign > 0.0)
+    };
+    let is_between = |sign: f64| is_above(of_emitter, sign) && is_above(of_receiver, -sign);
+    if !is_between(1.0) && !is_between(-1.0) {
         return false;
     }
     let is_inside = |at: DVec3| {
@@ -1508,6 +1509,17 @@ mod tests {
             let model = scene(&[[wall[0], wall[1], wall[2]], [wall[0], wall[2], wall[3]]]);
             assert_eq!(proved(&model, 0, 2), is_hidden.then_some(0.0), "{beyond}");
         }
+        // A wall in a plane that cuts the first of two neighbours so that its corners' heights add up to 0.
+        let cut = [p(1.0, -1.0, 0.0), p(1.0, 0.5, 0.0), p(1.5, 0.5, 0.0)];
+        let beside = [p(1.0, 0.5, 0.0), p(0.0, 0.5, 1.5), p(1.0, 0.5, 1.5)];
+        let front = [p(0.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(1.0, 0.0, 3.0)];
+        let model = made(vec![
+            cut,
+            beside,
+            front,
+            [p(0.0, 0.0, 0.0), p(1.0, 0.0, 3.0), p(0.0, 0.0, 3.0)],
+        ]);
+        assert_ne!(proved(&model, 0, 1), Some(0.0));
         // A wall that stands on the first square, as high as the second: a floor and what lies beyond, hidden from each
         // other; the same floor and the wall, not.
         let wall = [p(0.5, 0.0, 0.0), p(0.5, 1.0, 0.0), p(0.5, 1.0, 1.0), p(0.5, 0.0, 1.0)];

@@ -635,7 +635,9 @@ impl<'g> Sheets<'g> {
                     .for_each(|(set, winding)| windings[set].push((sheet, winding)));
             }
         }
-        let mut alike: HashMap<&[(u32, i64)], u32> = HashMap::new();
+        // What lies outside of the scene has none.
+        let outside = self.outside();
+        let mut alike: HashMap<&[(u32, i64)], u32> = HashMap::from([(&[] as &[_], outside)]);
         for (&set, windings) in fronts.iter().zip(&windings) {
             let first = *alike.entry(windings).or_insert(set);
             self.sets.join(first, set);
