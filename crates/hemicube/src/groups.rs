@@ -44,10 +44,12 @@ pub fn spread(
     let moved: Vec<String> = tables.material.keys().cloned().collect();
     for key in moved {
         let is_there = materials.iter().chain(objects).any(|name| fits(&key, name));
-        if !is_there && is_further(&key) && !tables.object.contains_key(&key) {
-            if let Some(entry) = tables.material.remove(&key) {
-                tables.object.insert(key, entry);
-            }
+        if !is_there
+            && is_further(&key)
+            && !tables.object.contains_key(&key)
+            && let Some(entry) = tables.material.remove(&key)
+        {
+            tables.object.insert(key, entry);
         }
     }
     let patterns = Patterns::new(&tables.object);

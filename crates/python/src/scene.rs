@@ -21,6 +21,9 @@ use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+/// A loss as it is pickled: fate, kind, number, area, first place and next step.
+type LossRecord = (String, String, u64, Option<f64>, Option<String>, Option<String>);
+
 /// The keywords shared by all ways to a scene.
 #[derive(Debug, Default)]
 struct Keywords<'a> {
@@ -562,7 +565,7 @@ pub(crate) struct State<'py> {
     two_sided: Option<bool>,
     flip: Vec<String>,
     exclude: Vec<String>,
-    losses: Vec<(String, String, u64, Option<f64>, Option<String>, Option<String>)>,
+    losses: Vec<LossRecord>,
     warnings: Vec<String>,
     further_names: std::collections::BTreeMap<u32, Vec<String>>,
     crs: Option<String>,

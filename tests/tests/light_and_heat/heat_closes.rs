@@ -65,6 +65,7 @@ impl Obj {
     /// faces below, above, west, east, south and north; one without a name is left out.
     fn block(&mut self, [low, high]: [Point; 2], step: f64, inwards: bool, names: [&str; 6]) {
         let size = [0, 1, 2].map(|k| high[k] - low[k]);
+        #[allow(clippy::cast_possible_truncation, reason = "some dozens")]
         let count = size.map(|length| (length / step).round().max(1.0) as usize);
         let along = |k: usize| {
             let mut vector = [0.0; 3];
@@ -204,9 +205,11 @@ fn scaled(from: &Path, to: &Path, scale: impl Fn(u32) -> f32) {
     let mut writer = StoreWriter::create(to, header, &table, false).expect("a place");
     for place in 0..manifest.parts.len() {
         let mut part = store.part(place).expect("a part").expect("a part");
+        #[allow(clippy::cast_possible_truncation, reason = "as they were stored")]
         let mut data: Vec<f32> = part.data.iter().map(|factor| factor as f32).collect();
         for (row, &patch) in part.rows.iter().enumerate() {
-            let range = part.indptr[row] as usize..part.indptr[row + 1] as usize;
+            let [start, end] = [row, row + 1].map(|at| usize::try_from(part.indptr[at]).expect("a place"));
+            let range = start..end;
             data[range].iter_mut().for_each(|factor| *factor *= scale(patch));
         }
         part.data = FactorVec::from(data);

@@ -9,6 +9,7 @@ use hemicube_scene::Subdivision;
 use hemicube_tests::geometry::{
     box_inside, box_outside, even, flipped, grid, irrational_rotation, moved, quad, scene_with_sides, sphere,
 };
+use hemicube_tests::promise::Motion;
 use hemicube_tests::rows::{Factors, Rung, factors};
 use hemicube_tests::scenes::model_as_it_is;
 
@@ -213,7 +214,7 @@ fn room_with_a_cabinet() -> Vec<Sided> {
     all
 }
 
-const MOTIONS: [(&str, fn(DVec3) -> DVec3); 3] = [
+const MOTIONS: [Motion; 3] = [
     ("as it is", |p| p),
     ("turned", |p| {
         irrational_rotation() * p + DVec3::new(0.123_456_7, -7.654_321, 2.236_068)

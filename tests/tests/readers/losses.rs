@@ -4,6 +4,7 @@
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{ReadOptions, Scene};
 use hemicube_tests::runs::{Place, Ran};
+use hemicube_tests::scenes::say;
 use serde_json::Value;
 use std::fmt::Write as _;
 
@@ -246,6 +247,7 @@ fn gltf() -> String {
     let mut bytes: Vec<u8> = Vec::new();
     for (_, [a, b, c, d]) in FACES {
         for at in [a, b, c, a, c, d] {
+            #[allow(clippy::cast_possible_truncation, reason = "corners of a unit cube")]
             bytes.extend(CORNERS[at].iter().flat_map(|&x| (x as f32).to_le_bytes()));
         }
     }
@@ -579,10 +581,10 @@ fn sixty_changed_files_give_the_right_scene_or_say_what_was_lost() {
         }
     }
     let count = right + refused + warned + silent.len();
-    println!(
+    say(&format!(
         "{count} changed files: {right} right, {refused} refused, {warned} warned of, {} silent",
         silent.len()
-    );
+    ));
     assert!(count >= 60, "{count}");
     assert!(silent.is_empty(), "silent losses: {silent:#?}");
 }

@@ -1472,6 +1472,7 @@ mod tests {
     /// By rays in f32 against a list, and by the test in f64 of what is near a plane.
     #[test]
     fn a_ray_through_an_edge_that_two_triangles_share_is_stopped() {
+        #[allow(clippy::cast_possible_truncation, reason = "rays are in f32")]
         let single = |p: DVec3| p.to_array().map(|x| x as f32);
         let all: Vec<_> = through_shared_edges().collect();
         for (triangles, [start, end]) in &all {
