@@ -593,7 +593,7 @@ fn settings_come_in_layers() {
     place.write("printed.toml", &text);
     assert_eq!(
         printed(&place, "--config printed.toml")["emitters = [\"x*\"]"],
-        "printed.toml:24"
+        "printed.toml:25"
     );
 
     // They hold for the run, and `inspect` shares what it knows.

@@ -5,12 +5,15 @@
 
 use glam::DVec3;
 use hemicube::Model;
+use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube_scene::Subdivision;
+use hemicube_tests::devices::is_there;
 use hemicube_tests::geometry::{
     box_inside, box_outside, even, flipped, grid, irrational_rotation, moved, quad, scene_with_sides, sphere,
 };
+use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::promise::Motion;
-use hemicube_tests::rows::{Factors, Rung, factors};
+use hemicube_tests::rows::{Factors, Rung, factors, factors_with};
 use hemicube_tests::scenes::model_as_it_is;
 
 /// A triangle, with the space that its front faces, and its back if it has a patch there. Space 0 is open.
@@ -280,6 +283,35 @@ fn nothing_passes_a_closed_surface() {
 #[test]
 fn nothing_passes_a_closed_surface_where_each_pair_is_measured() {
     held(&scenes(), |model| vec![("0.01 %", Rung::settled(model, 1e-4))]);
+}
+
+/// The engines of the built-in backend, and each plugin with a device.
+#[test]
+fn nothing_passes_a_closed_surface_whatever_renders() {
+    let engines = ["depth", "order", "claims"].map(|engine| ("wrapped-cpu", vec![format!("engine={engine}")]));
+    let devices = ["gl", "vulkan", "wgpu"].map(|name| (name, Vec::new()));
+    for (name, options) in engines.into_iter().chain(devices) {
+        let options: Vec<&str> = options.iter().map(String::as_str).collect();
+        let open = || try_session(&rust(name), &options).map(|session| Box::new(session) as Box<dyn HemicubeBackend>);
+        if !is_there(
+            name,
+            &open().map_err(|error| BackendError::Unsupported(error.to_string())),
+        ) {
+            continue;
+        }
+        for (scene, triangles) in scenes() {
+            let kept = Kept::new(scene, &triangles, MOTIONS[1].1);
+            for rung in [Rung::PIXEL, Rung::area()] {
+                let session = open().expect("it opened before");
+                let found = factors_with(&kept.model, rung, session).expect("a matrix");
+                assert_eq!(
+                    kept.leaks(&found),
+                    Vec::<String>::new(),
+                    "{scene} by {name} {options:?}"
+                );
+            }
+        }
+    }
 }
 
 /// What is proved of closed spaces takes nothing from an open one: what touches the walls of a room stays in it.

@@ -364,6 +364,11 @@ fn limit_text(found: &CheckReport, limit: f64) -> String {
     format!("limit {}, {whose}", figures(limit))
 }
 
+/// Each of two rows may be off by the tolerance.
+fn reciprocity_limit_text(found: &CheckReport) -> String {
+    limit_text(found, found.quality.reciprocity_limit).replace(", the run's", ", twice the run's")
+}
+
 fn has_failed(found: &CheckReport, checks: &[Check]) -> bool {
     found.failures.iter().any(|failure| checks.contains(&failure.check))
 }
@@ -449,7 +454,7 @@ fn reciprocity(found: &CheckReport) -> Group {
             percent(pairs.residual),
             counted(pairs.pairs, "pair"),
             counted(pairs.rows, "row"),
-            bound_text(pairs.bound, &limit_text(found, found.quality.reciprocity_limit))
+            bound_text(pairs.bound, &reciprocity_limit_text(found))
         )
     };
     let is_doubted = found.verdicts.quality.doubts.contains(&Doubt::Reciprocity);

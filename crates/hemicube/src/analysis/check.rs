@@ -20,7 +20,8 @@
 //! ```
 //!
 //! and of its files against their checksums. [`verdict`] sums them up. Without bounds of their own, closure and reciprocity
-//! are judged by what the run was asked for: its tolerance, or 2 % ([`verdict::LIMIT`]).
+//! are judged by what the run was asked for: its tolerance, or 2 % ([`verdict::LIMIT`]), and twice that where two rows
+//! differ.
 
 pub mod verdict;
 mod winding;
@@ -48,7 +49,7 @@ pub struct CheckOptions {
     pub closure: Option<f64>,
     /// Bound on the escaped share of a row, for closed scenes; `None` to report it only.
     pub escaped: Option<f64>,
-    /// Bound on the reciprocity residual; `None`: it is a doubt beyond the run's tolerance
+    /// Bound on the reciprocity residual; `None`: it is a doubt beyond twice the run's tolerance
     /// ([`Quality::reciprocity_limit`]).
     pub reciprocity: Option<f64>,
     /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
@@ -283,7 +284,8 @@ pub fn check(store: &Store, options: &CheckOptions) -> Result<CheckReport> {
     let tolerance = manifest.settings["tolerance"].as_f64();
     let asked = tolerance.unwrap_or(LIMIT);
     tally.quality.closure_limit = closure_bound.unwrap_or(asked);
-    tally.quality.reciprocity_limit = options.reciprocity.unwrap_or(asked);
+    // Each of the two readings may be off by what was asked.
+    tally.quality.reciprocity_limit = options.reciprocity.unwrap_or(2.0 * asked);
     tally.escaped_bound = options.escaped;
     if !manifest.complete && !options.allow_incomplete {
         let missing = format!("{} of {} parts are there", manifest.parts.len(), manifest.part_count);

@@ -874,7 +874,7 @@ mod tests {
         // One of two triangles gone from either side of the wall.
         let (mut first, mut second) = (room(LOW, HIGH), next());
         first.remove(10);
-        second.remove(8);
+        second.remove(9);
         let spaces = of(&[first, second]);
         assert!(!spaces.separate(0, 12), "{spaces:?}");
     }

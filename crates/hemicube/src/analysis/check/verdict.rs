@@ -136,8 +136,8 @@ pub struct Quality {
     pub closure_limit: f64,
     /// Rows beyond it.
     pub closure_rows: u64,
-    /// Reciprocity residual from which on the matrix is doubtful: the bound asked for, the run's tolerance, or
-    /// [`LIMIT`].
+    /// Reciprocity residual from which on the matrix is doubtful: the bound asked for, or twice the run's
+    /// tolerance or [`LIMIT`]: either of two readings may be off by as much.
     pub reciprocity_limit: f64,
     /// Rows of which more than [`WARNED`] is blocked.
     pub warned_rows: u64,

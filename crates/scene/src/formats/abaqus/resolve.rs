@@ -100,6 +100,9 @@ fn too_many() -> Error {
     ))
 }
 
+/// Bound of the further sets that elements are in, in all: four bytes each. A choice: a million elements in sixteen sets.
+const MOST_MEMBERSHIPS: u64 = 1 << 24;
+
 impl Resolver {
     /// Counts cells, and where those of each instance begin.
     fn cell_count(&mut self) -> Result<usize, Error> {
@@ -249,6 +252,7 @@ impl Resolver {
         let mut late = Vec::new();
         // The further sets of elements that several list.
         let mut further: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+        let mut memberships = 0u64;
         for pass in 0..3 {
             let sets: Vec<usize> = match pass {
                 0 | 1 => (0..self.model.sets.len()).collect(),
@@ -286,6 +290,13 @@ impl Resolver {
                         if *object_of == FREE {
                             *object_of = object;
                         } else if pass == 0 {
+                            memberships += 1;
+                            if memberships > MOST_MEMBERSHIPS {
+                                return Err(Error::new(ErrorKind::TooLarge(format!(
+                                    "elements in more than {MOST_MEMBERSHIPS} further sets in all take too long to be \
+                                     resolved; keep the sets that name surfaces"
+                                ))));
+                            }
                             further.entry(cell as usize).or_default().push(object);
                         }
                     }
