@@ -98,7 +98,7 @@ pub(crate) fn questions(
 }
 
 /// Warns of a scene under the sky, or with free points, whose surfaces face the wrong way: their insides would be what
-/// is computed. A solid alone, which is right there, is passed over.
+/// is computed. A solid alone, which is right there, is passed over. Call it before the images of portals are added.
 pub(crate) fn warn_of_winding(prepared: &Prepared, threads: usize, talk: Talk) {
     let options = DiagnoseOptions {
         threads,

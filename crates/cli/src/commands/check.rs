@@ -29,9 +29,9 @@ const EXAMPLES: &str = "  \
 /// Check a matrix: integrity, conservation, quality; exit 1 when a law or a bound is broken, or parts are missing
 ///
 /// Integrity: checksums, structure, all parts. Conservation: weights, the sky's sums, reciprocity with a bound.
-/// Quality: doubtful where a row sums to 1, or A_i F_ij is A_j F_ji, only beyond the run's tolerance (2 % without one),
-/// more than 1 % of the view is blocked, or backs take more than half of a row's view. A doubt alone is exit 0, and 1
-/// with `--strict`.
+/// Quality: doubtful where a row sums to 1 only beyond the run's tolerance (2 % without one), A_i F_ij is A_j F_ji only
+/// beyond twice that, more than 1 % of the view is blocked, or backs take more than half of a row's view. A doubt alone
+/// is exit 0, and 1 with `--strict`.
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) escaped: Option<f64>,
-    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: a doubt beyond the run's tolerance]
+    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: a doubt beyond twice the run's tolerance]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) reciprocity: Option<f64>,
     /// Exit 1 where the quality is doubtful, too

@@ -483,6 +483,8 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let watch = Watch::new(status, cancel, talk);
     let stage = status.stage("load");
     let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.render.work())?;
+    // Of the scene alone: the images that portals add are its triangles once more.
+    let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
     let tolerance = arguments.render.tolerance.map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
     let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
@@ -492,8 +494,8 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     drop(stage);
     prepared.tell(talk);
     tell_portals(&portals, talk);
-    if let Some(sentence) = enclosure::of_overlaps(&prepared, arguments.render.thread_count()) {
-        talk.warn(&sentence);
+    if let Some(sentence) = &overlaps {
+        talk.warn(sentence);
     }
     let sessions = Sessions {
         rows: backend,

@@ -282,6 +282,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
+    enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let hierarchy = arguments.engine.hierarchy();
     let portals = match &store {
         Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
@@ -290,7 +291,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
     };
     prepared.tell(talk);
-    enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, 0.0);

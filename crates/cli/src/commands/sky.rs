@@ -365,12 +365,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let mut prepared = prepare_scene(arguments, store.as_ref())?;
+    enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let images = match &store {
         Some(store) => stored::portals(store, &mut prepared, arguments.engine.hierarchy())?.images,
         None => None,
     };
     prepared.tell(talk);
-    enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, arguments.north);
