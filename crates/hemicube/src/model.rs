@@ -294,10 +294,33 @@ fn power_of_two_not_above(x: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use hemicube_scene::generate::cornell_box;
     use hemicube_scene::{Scene, Subdivision, Triangle};
+
+    /// A model of triangles in this order, each with whether it has two sides.
+    pub(crate) fn of_triangles(triangles: &[([DVec3; 3], bool)]) -> Model {
+        let triangle = |&(corners, two_sided): &([DVec3; 3], bool)| Triangle {
+            corners,
+            object: 0,
+            material: 0,
+            face: 0,
+            two_sided,
+        };
+        let scene = Scene {
+            triangles: triangles.iter().map(triangle).collect(),
+            ..Scene::default()
+        };
+        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
+        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+    }
+
+    /// A model of one-sided triangles in this order.
+    pub(crate) fn one_sided(triangles: &[[DVec3; 3]]) -> Model {
+        let triangles: Vec<_> = triangles.iter().map(|&corners| (corners, false)).collect();
+        of_triangles(&triangles)
+    }
 
     /// The Cornell box with its largest half side this long, and a triangle in it that is 10⁻¹⁵ as large.
     fn box_of(half: f64) -> Scene {

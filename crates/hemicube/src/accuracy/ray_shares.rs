@@ -236,10 +236,10 @@ pub(crate) fn is_crossed(emitter: &Emitter<'_>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{HierarchyOptions, Model};
+    use crate::Model;
+    use crate::model::tests::of_triangles;
     use glam::DVec3;
     use hemicube_scene::InputPatch;
-    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
 
     const PERMITTED: f64 = 0.01;
 
@@ -247,24 +247,6 @@ mod tests {
         let mut found = RayShares::look(emitter, permitted, &receives)?;
         found.refine(emitter, permitted, |found| found.is_within(0.8 * permitted), receives);
         Some(found)
-    }
-
-    fn model(triangles: &[([DVec3; 3], bool)]) -> Model {
-        let scene = Scene {
-            triangles: triangles
-                .iter()
-                .map(|&(corners, two_sided)| Triangle {
-                    corners,
-                    object: 0,
-                    material: 0,
-                    face: 0,
-                    two_sided,
-                })
-                .collect(),
-            ..Scene::default()
-        };
-        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
-        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
     }
 
     /// Two unit squares face each other at distance 1: F = 0.199825 (Howell C-11).
@@ -279,7 +261,7 @@ mod tests {
         let high = low.map(|corners| corners.map(|corner| corner + DVec3::Z));
         let faces = |[a, b, c]: [DVec3; 3], down: bool| if down { [a, c, b] } else { [a, b, c] };
         let high = [0, 1].map(|k| (faces(high[k], above[k]), two_sided));
-        model(&[(low[0], false), (low[1], false), high[0], high[1]])
+        of_triangles(&[(low[0], false), (low[1], false), high[0], high[1]])
     }
 
     /// Both halves of the lower square together.
@@ -317,7 +299,7 @@ mod tests {
         let p = DVec3::new;
         let ground = |two_sided| ([p(-9., -9., 0.), p(9., -9., 0.), p(0., 9., 0.)], two_sided);
         let wall = |foot: f64| ([p(0., 0., foot), p(1., 0., foot), p(0., 0., foot + 2.)], false);
-        let is_crossed = |triangles: &[_]| is_crossed(&Emitter::new(&model(triangles), InputPatch(0)));
+        let is_crossed = |triangles: &[_]| is_crossed(&Emitter::new(&of_triangles(triangles), InputPatch(0)));
         for (foot, expected) in [(-0.1, true), (0.0, false), (0.1, false), (-2.0, false)] {
             assert_eq!(is_crossed(&[wall(foot), ground(false)]), expected, "{foot}");
             assert_eq!(
@@ -356,12 +338,12 @@ mod tests {
             )
         };
         let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
-        let seen = model(&[small, wide(1.0, true), wide(2.0, false)]);
+        let seen = of_triangles(&[small, wide(1.0, true), wide(2.0, false)]);
         let shares = measure(&Emitter::new(&seen, InputPatch(0)), PERMITTED, |_| true)
             .expect("it has area")
             .shares();
         assert!(shares.lost() < 0.01, "{shares:?}");
-        let hidden = model(&[small, wide(2.0, true), wide(1.0, false)]);
+        let hidden = of_triangles(&[small, wide(2.0, true), wide(1.0, false)]);
         let shares = measure(&Emitter::new(&hidden, InputPatch(0)), PERMITTED, |_| true)
             .expect("it has area")
             .shares();
@@ -383,7 +365,7 @@ mod tests {
         let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
         let wide = ([p(-999., -999., 1.), p(0., 1500., 1.), p(999., -999., 1.)], false);
         let found = measure(
-            &Emitter::new(&self::model(&[small, wide]), InputPatch(0)),
+            &Emitter::new(&of_triangles(&[small, wide]), InputPatch(0)),
             0.001,
             |_| true,
         )
@@ -400,7 +382,7 @@ mod tests {
             let wall = |z: f64| [p(-99., -99., z), p(99., -99., z), p(0., 150., z)];
             let [a, b, c] = wall(1.0 + gap);
             let small = ([p(-1., -1., 0.), p(1., -1., 0.), p(0., 1., 0.)], false);
-            let seen = model(&[small, (wall(1.0), false), ([a, c, b], false)]);
+            let seen = of_triangles(&[small, (wall(1.0), false), ([a, c, b], false)]);
             let shares = measure(&Emitter::new(&seen, InputPatch(0)), PERMITTED, |_| true)
                 .expect("it has area")
                 .shares();

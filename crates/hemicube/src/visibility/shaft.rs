@@ -1399,10 +1399,11 @@ dispatch! {
 mod tests {
     use super::*;
     use crate::geometry::area;
+    use crate::model::tests::one_sided;
     use crate::sampling::splitmix;
     use crate::visibility::segments::tests::through_shared_edges;
     use crate::{HierarchyOptions, Model};
-    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
+    use hemicube_scene::{Patches, Subdivision};
 
     /// A unit square at z = 0 facing up, one at z = 1 facing down, and whatever else.
     fn scene(more: &[[DVec3; 3]]) -> Model {
@@ -1414,26 +1415,7 @@ mod tests {
             [p(0., 0., 1.), p(0., 1., 1.), p(1., 1., 1.)],
         ];
         triangles.extend_from_slice(more);
-        made(triangles)
-    }
-
-    /// One-sided triangles, in this order.
-    fn made(triangles: Vec<[DVec3; 3]>) -> Model {
-        let scene = Scene {
-            triangles: triangles
-                .into_iter()
-                .map(|corners| Triangle {
-                    corners,
-                    object: 0,
-                    material: 0,
-                    face: 0,
-                    two_sided: false,
-                })
-                .collect(),
-            ..Scene::default()
-        };
-        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
-        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
+        one_sided(&triangles)
     }
 
     fn city(blocks: u32, split: u32) -> Model {
@@ -1514,7 +1496,7 @@ mod tests {
         let cut = [p(1.0, -1.0, 0.0), p(1.0, 0.5, 0.0), p(1.5, 0.5, 0.0)];
         let beside = [p(1.0, 0.5, 0.0), p(0.0, 0.5, 1.5), p(1.0, 0.5, 1.5)];
         let front = [p(0.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(1.0, 0.0, 3.0)];
-        let model = made(vec![
+        let model = one_sided(&[
             cut,
             beside,
             front,
@@ -1526,12 +1508,7 @@ mod tests {
         let wall = [p(0.5, 0.0, 0.0), p(0.5, 1.0, 0.0), p(0.5, 1.0, 1.0), p(0.5, 0.0, 1.0)];
         let floor = [p(0.0, 0.0, 0.0), p(0.5, 0.0, 0.0), p(0.5, 1.0, 0.0)];
         let beyond = [p(1.0, 0.0, 0.0), p(1.0, 0.0, 1.0), p(1.0, 1.0, 1.0)];
-        let model = made(vec![
-            floor,
-            beyond,
-            [wall[0], wall[2], wall[1]],
-            [wall[0], wall[3], wall[2]],
-        ]);
+        let model = one_sided(&[floor, beyond, [wall[0], wall[2], wall[1]], [wall[0], wall[3], wall[2]]]);
         assert_eq!(proved(&model, 0, 1), Some(0.0));
         assert_eq!(proved(&model, 0, 2), Some(1.0));
     }
@@ -1642,7 +1619,7 @@ mod tests {
                 };
                 [corner(0.0), corner(1.0), corner(2.0)]
             }));
-            let model = made(triangles);
+            let model = one_sided(&triangles);
             let regions = CoplanarRegions::of(&model);
             let (obstacles, corners) = (obstacles(&model, &regions), [0, 1].map(|k| model.normalised_corners(k)));
             let mut shaft = Shaft::default();
@@ -1770,7 +1747,7 @@ mod tests {
             let p = corner(0.0, 0.0, height);
             let emitter = [corner(0.5, -0.3, 0.7), r, p];
             let back = [[q, r, p], [a, q, p]];
-            let model = made(vec![emitter, [r, q, a], back[0], back[1]]);
+            let model = one_sided(&[emitter, [r, q, a], back[0], back[1]]);
             for (i, j) in [(0, 1), (1, 0)] {
                 let (count, fraction) = fraction(&model, i, j, 512);
                 assert!(
@@ -1779,7 +1756,7 @@ mod tests {
                 );
             }
             // And without it, all is seen.
-            let bare = made(vec![emitter, [r, q, a]]);
+            let bare = one_sided(&[emitter, [r, q, a]]);
             assert_eq!(fraction(&bare, 0, 1, 512), (0, 1.0));
         }
     }
@@ -1794,7 +1771,7 @@ mod tests {
         for slope in [1e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3] {
             // It touches two of the corners, so that no proof by corners holds.
             let wall = [p(0.0, -2.0, 0.0), p(6.0, 0.0, 6.0 * slope), p(0.0, 2.0, 0.0)];
-            let model = made(vec![emitter, receiver, wall]);
+            let model = one_sided(&[emitter, receiver, wall]);
             for (i, j) in [(0, 1), (1, 0)] {
                 let (count, fraction) = fraction(&model, i, j, 512);
                 assert!(fraction < 0.01, "slope {slope}, {i} to {j}: {fraction} behind {count}");

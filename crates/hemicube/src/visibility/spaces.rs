@@ -814,26 +814,7 @@ pub(crate) fn cross_each_other(p: &[DVec3; 3], q: &[DVec3; 3], tolerance: f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::HierarchyOptions;
-    use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
-
-    fn model(triangles: Vec<[DVec3; 3]>) -> Model {
-        let scene = Scene {
-            triangles: triangles
-                .into_iter()
-                .map(|corners| Triangle {
-                    corners,
-                    object: 0,
-                    material: 0,
-                    face: 0,
-                    two_sided: false,
-                })
-                .collect(),
-            ..Scene::default()
-        };
-        let patches = Patches::new(&scene, Subdivision::None).expect("patches");
-        Model::new(patches.into(), HierarchyOptions::default()).expect("a model")
-    }
+    use crate::model::tests::one_sided;
 
     /// The twelve triangles of a box, facing its inside, turned off all axes.
     fn room(low: [f64; 3], high: [f64; 3]) -> Vec<[DVec3; 3]> {
@@ -859,7 +840,7 @@ mod tests {
     }
 
     fn of(parts: &[Vec<[DVec3; 3]>]) -> Arc<Spaces> {
-        Spaces::of(&model(parts.concat()))
+        Spaces::of(&one_sided(&parts.concat()))
     }
 
     const LOW: [f64; 3] = [0.0; 3];
