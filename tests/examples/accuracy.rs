@@ -599,7 +599,7 @@ fn percentile(sorted: &[f64], percent: usize) -> f64 {
 
 fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> {
     println!(
-        "| scene | asked | got | 95 % of the matrix | asked ÷ got | ΣF off: 95th, max | ΣF + lost − 1: 95th, max | effort | ms a row | settled in s | noise |"
+        "| scene | asked | got | 95 % of the matrix | asked ÷ got | ΣF off: 95th, max | ΣF + lost − 1: 95th, max | λ | ms a row | settled in s | noise |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     let (mut runs, mut kept, mut closed, mut both, mut shares) = (0usize, 0usize, 0usize, 0usize, Vec::new());
@@ -619,7 +619,7 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
             )?;
             let m = against(&exact, &parts);
             let sums = SumErrors::new(&model, &parts, &exact);
-            let effort = settled.refinement.effort;
+            let multiplier = settled.refinement.multiplier;
             let spread = |values: &[f64]| {
                 format!(
                     "{:.2} %, {:.2} %",
@@ -628,7 +628,7 @@ fn calibration(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::E
                 )
             };
             println!(
-                "| {name} | {} % | {:.2} % | {:.2}–{:.2} % | {:.2} | {} | {} | {effort} | {:.2} | {:.1} | {:.2} % |",
+                "| {name} | {} % | {:.2} % | {:.2}–{:.2} % | {:.2} | {} | {} | {multiplier:.1e} | {:.2} | {:.1} | {:.2} % |",
                 100.0 * tolerance,
                 100.0 * m.relative_frobenius,
                 100.0 * m.interval_of_matrix.low,

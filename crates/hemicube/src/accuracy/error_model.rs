@@ -160,24 +160,63 @@ struct PriorSum {
 
 /// Sums from which prior variances are estimated, over pairs drawn from a scene's rows and measured by rays.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct PriorSums([[PriorSum; NEARNESSES]; CLASSES]);
+pub struct PriorSums {
+    cells: [[PriorSum; NEARNESSES]; CLASSES],
+    /// Squared errors of a pair's first rays by all of its rays, in those of usual ones.
+    rays: PriorSum,
+}
+
+/// Factor of the variance that rays leave in a scene to that of usual ones ([`variance_of_rays`]): above 1 where many
+/// small occluders lie between two patches, and rays err like independent ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayGain(f32);
+
+impl Default for RayGain {
+    fn default() -> Self {
+        Self(1.0)
+    }
+}
+
+impl RayGain {
+    pub(crate) fn factor(self) -> f64 {
+        f64::from(self.0)
+    }
+}
 
 /// Number of pairs with which the default prior variance is averaged into a measured one. A choice.
-const DEFAULT_PAIRS: f64 = 5.0;
+const DEFAULT_PAIRS: f64 = 1.0;
 
 impl PriorSums {
     /// Adds a pair: the squared error of its fraction, and its weight.
     pub(crate) fn add(&mut self, cell: PriorCell, squared_error: f64, weight: f64) {
-        let sum = &mut self.0[usize::from(cell.class)][usize::from(cell.nearness)];
+        let sum = &mut self.cells[usize::from(cell.class)][usize::from(cell.nearness)];
         sum.squared_error += weight * squared_error;
         sum.weight += weight;
         sum.count += 1.0;
     }
 
+    /// Adds the squared error of a pair's first rays, and what usual rays would leave, with the pair's weight.
+    pub(crate) fn add_rays(&mut self, squared_error: f64, usual: f64, weight: f64) {
+        self.rays.squared_error += weight * squared_error;
+        self.rays.weight += weight * usual;
+        self.rays.count += 1.0;
+    }
+
+    /// By what factor rays leave more than usual ones, averaged with 1 as if this came from [`DEFAULT_PAIRS`] pairs more.
+    pub(crate) fn ray_gain(&self) -> RayGain {
+        if self.rays.weight <= 0.0 {
+            return RayGain::default();
+        }
+        let usual = DEFAULT_PAIRS * self.rays.weight / self.rays.count;
+        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+        let found = ((self.rays.squared_error + usual) / (self.rays.weight + usual)) as f32;
+        RayGain(found)
+    }
+
     /// Measured variances, averaged with the default ones as if these came from [`DEFAULT_PAIRS`] pairs more.
     pub(crate) fn priors(&self) -> PriorVariances {
         let mut priors = PriorVariances::default();
-        for (prior, sum) in priors.0.iter_mut().flatten().zip(self.0.iter().flatten()) {
+        for (prior, sum) in priors.0.iter_mut().flatten().zip(self.cells.iter().flatten()) {
             if sum.count > 0.0 {
                 let usual = DEFAULT_PAIRS * sum.weight / sum.count;
                 #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
@@ -190,7 +229,7 @@ impl PriorSums {
 
     /// By class and nearness: the measured variance, NaN where no pair was drawn, and the number of pairs.
     pub fn measured(&self) -> [[(f64, f64); NEARNESSES]; CLASSES] {
-        self.0
+        self.cells
             .map(|of| of.map(|sum| (sum.squared_error / sum.weight, sum.count)))
     }
 }
@@ -207,14 +246,15 @@ pub(crate) struct ErrorContribution {
 
 impl ErrorContribution {
     /// The expected squared error in the own row with multiplier λ, where pairs of z √d √λ ≤ `threshold` are not
-    /// measured.
-    pub(crate) fn left(&self, multiplier: f64, threshold: f64) -> f64 {
+    /// measured, and rays leave `gain` of what usual ones do.
+    pub(crate) fn left(&self, multiplier: f64, threshold: f64, gain: RayGain) -> f64 {
         let (own, both) = (self.own * self.own, self.both * self.both * multiplier);
         if both <= threshold * threshold {
             return own;
         }
         let ray = if self.is_near { NEAR_RAY } else { 1.0 };
-        own * variance_of_rays(rays_for(both, ray).max(RAYS as f64))
+        let gain = gain.factor();
+        own * gain * variance_of_rays(rays_for(both * gain, ray).max(RAYS as f64))
     }
 }
 
@@ -224,11 +264,12 @@ pub(crate) fn multiplier_for<'a>(
     contributions: impl Iterator<Item = &'a ErrorContribution> + Clone,
     budget: f64,
     threshold: f64,
+    gain: RayGain,
 ) -> f64 {
     let error = |multiplier: f64| {
         contributions
             .clone()
-            .map(|pair| pair.left(multiplier, threshold))
+            .map(|pair| pair.left(multiplier, threshold, gain))
             .sum::<f64>()
     };
     if budget.is_infinite() || error(0.0) <= budget {
@@ -275,7 +316,7 @@ pub(crate) const MEASURED_FROM: f64 = 30.0;
 pub(crate) const FRACTIONS_SHARE: f64 = 0.8;
 /// Share of unmeasured pairs in a row's squared error aimed at. A choice: prior variances are means, and if one point
 /// stands badly for a patch, all of its pairs err at once.
-pub(crate) const UNMEASURED_SHARE: f64 = 0.5;
+pub(crate) const UNMEASURED_SHARE: f64 = 0.8;
 /// Standard error of a row's sum in tolerances, at most: three of them stay within the tolerance.
 pub(crate) const ROW_SUM: f64 = 0.33;
 /// Least spread (standard deviation of one ray) of a pair where the sum of its row depends on it. A choice: a few rays
@@ -306,3 +347,32 @@ pub(crate) const MOST_SELECTED_SAMPLES: usize = 4;
 pub(crate) const INFLATION: f64 = 4.0;
 /// Form factor that the pairs of a row are taken to have if no hemicube saw any.
 pub(crate) const USUAL_FACTOR: f64 = 0.01;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_that_leave_more_than_usual_ones_are_known_by_their_first() {
+        let gain = |squared_error: f64, pairs: usize| {
+            let mut sums = PriorSums::default();
+            (0..pairs).for_each(|_| sums.add_rays(squared_error, 1e-4, 1.0));
+            sums.ray_gain().factor()
+        };
+        assert_eq!(gain(0.0, 0), 1.0, "of nothing measured, they are usual ones");
+        assert_eq!(gain(1e-4, 50), 1.0);
+        assert!((gain(3e-4, 50) - 3.0).abs() < 0.1, "{}", gain(3e-4, 50));
+        assert!(gain(3e-4, 1) < 2.1, "one pair is believed half");
+        let usual = multiplier_for([pair()].iter(), 1e-7, MEASURED_FROM, RayGain::default());
+        let more = multiplier_for([pair()].iter(), 1e-7, MEASURED_FROM, RayGain(3.0));
+        assert!(more > 2.0 * usual, "so more rays are paid for: {usual} {more}");
+    }
+
+    fn pair() -> ErrorContribution {
+        ErrorContribution {
+            both: 0.1,
+            own: 0.1,
+            is_near: false,
+        }
+    }
+}

@@ -26,8 +26,9 @@ pub(crate) mod sums;
 use crate::Model;
 use crate::accuracy::error_model::{
     CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, INFLATION, LEAST_SPREAD, MEASURED_FROM, MOST_SELECTED_SAMPLES,
-    NEAR_RAY, PAIRS_OF_A_SUM, PriorCell, PriorSums, PriorVariances, REACH, ROW_SUM, SELECTED, SELECTED_RAYS, SUM_GAIN,
-    TREE_RAY, UNMEASURED_SHARE, USUAL_FACTOR, class_of, multiplier_for, nearness_of, rays_for, variance_of_rays,
+    NEAR_RAY, PAIRS_OF_A_SUM, PriorCell, PriorSums, PriorVariances, REACH, ROW_SUM, RayGain, SELECTED, SELECTED_RAYS,
+    SUM_GAIN, TREE_RAY, UNMEASURED_SHARE, USUAL_FACTOR, class_of, multiplier_for, nearness_of, rays_for,
+    variance_of_rays,
 };
 use crate::accuracy::row::{Emitter, RowLists, UnfinishedRow};
 use crate::bvh::Tree;
@@ -63,8 +64,8 @@ pub struct Refinement {
     pub multiplier: f64,
     /// Mean squared errors of fractions from one hemicube.
     pub priors: PriorVariances,
-    /// Ratio of the squared error of rows to its expectation by prior variances and rays, measured on trial rows.
-    pub estimate: f32,
+    /// By what factor rays leave more variance here than usual ones.
+    pub gain: RayGain,
     /// True if all pairs are measured and none keeps its hemicube's fraction: for scenes so small that it takes no
     /// time.
     pub all: bool,
@@ -87,7 +88,7 @@ impl Refinement {
             mean_squared_norm: 0.0,
             multiplier: 0.0,
             priors: PriorVariances::default(),
-            estimate: 1.0,
+            gain: RayGain::default(),
             all: false,
             each: false,
             proves: false,
@@ -109,13 +110,13 @@ impl Refinement {
         let threshold = self.threshold();
         let squared = (self.tolerance * self.effort).powi(2);
         let budget = FRACTIONS_SHARE * squared * self.mean_squared_norm * rows.len() as f64;
-        let mut multiplier = multiplier_for(rows.iter().flatten(), budget, threshold);
+        let mut multiplier = multiplier_for(rows.iter().flatten(), budget, threshold, self.gain);
         if self.all {
             // Rows have no multiplier of their own then, so this one must do for their sums.
             let most = FRACTIONS_SHARE * (ROW_SUM * self.tolerance).powi(2);
             multiplier = rows
                 .iter()
-                .map(|row| multiplier_for(row.iter(), most, threshold))
+                .map(|row| multiplier_for(row.iter(), most, threshold, self.gain))
                 .fold(multiplier, f64::max);
         }
         Self { multiplier, ..self }
@@ -441,7 +442,6 @@ impl<'c> Refiner<'c> {
         if self.refinement.proves {
             self.prove_seen(emitter, most_steps, &mut refined);
         }
-        refined.squared_error *= f64::from(self.refinement.estimate);
         self.pairs.sort_unstable_by_key(|pair| pair.patch);
         refined.squared_norm = self.squared_norm();
         refined
@@ -655,10 +655,10 @@ impl<'c> Refiner<'c> {
     /// The row's multiplier: the scene's, or a larger one where the row by itself would be too far off. And the z √d
     /// from which on pairs are measured.
     fn limits(&self, budget: f64, steps: u64) -> Limits {
-        let threshold = self.refinement.threshold();
+        let (threshold, gain) = (self.refinement.threshold(), self.refinement.gain);
         let mut multiplier = self.refinement.multiplier;
         if multiplier <= 0.0 {
-            multiplier = multiplier_for(self.contributions.iter(), FRACTIONS_SHARE * budget, threshold);
+            multiplier = multiplier_for(self.contributions.iter(), FRACTIONS_SHARE * budget, threshold, gain);
             let least = threshold / multiplier.sqrt();
             return Limits {
                 multiplier,
@@ -676,9 +676,12 @@ impl<'c> Refiner<'c> {
             };
         }
         let most = FRACTIONS_SHARE * (ROW_SUM * self.refinement.tolerance).powi(2);
-        let left = self.contributions.iter().map(|pair| pair.left(multiplier, threshold));
+        let left = self
+            .contributions
+            .iter()
+            .map(|pair| pair.left(multiplier, threshold, gain));
         if left.sum::<f64>() > most {
-            multiplier = multiplier_for(self.contributions.iter(), most, threshold).max(multiplier);
+            multiplier = multiplier_for(self.contributions.iter(), most, threshold, gain).max(multiplier);
         }
         let mut least = threshold / multiplier.sqrt();
         let unmeasured = |least: f64| -> f64 {
@@ -805,9 +808,22 @@ impl<'c> Refiner<'c> {
                     fraction
                 } else {
                     let mut cast = Cast::default();
-                    self.shaft.cast(obstacles, &triangles, PRIOR_RAYS, seed, &mut cast);
+                    let first = self
+                        .shaft
+                        .cast(obstacles, &triangles, PRIOR_FIRST_RAYS, seed, &mut cast);
+                    let by_first = cast.fraction();
+                    let rays = self.shaft.cast(obstacles, &triangles, PRIOR_RAYS, seed, &mut cast);
                     steps += cast.steps;
                     let Some(fraction) = cast.fraction() else { continue };
+                    if let (Some(by_first), true) = (by_first, rays > first) {
+                        let usual = variance_of_rays(first as f64) - variance_of_rays(rays as f64);
+                        let spread = fraction * (1.0 - fraction) * usual;
+                        sums.add_rays(
+                            (by_first - fraction).powi(2),
+                            spread,
+                            pair.unoccluded * pair.unoccluded / chance,
+                        );
+                    }
                     fraction
                 };
                 let weight = pair.unoccluded * pair.unoccluded / chance;
@@ -975,7 +991,7 @@ impl<'c> Refiner<'c> {
             let count = rays as f64;
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = (seen * count + 0.5) / (count + 1.0);
-            let spread = (smooth * (1.0 - smooth)).sqrt();
+            let spread = (self.refinement.gain.factor() * smooth * (1.0 - smooth)).sqrt();
             let mut wanted = rays_for((spread * z).powi(2) * allowed.multiplier, ray);
             if self.refinement.all {
                 // Some dozens of such pairs add up to the error of a row's sum, even where their first rays agree by
@@ -1056,8 +1072,9 @@ fn inverse_area(i: f64, j: f64) -> f64 {
 
 /// Number of pairs of each class, about, at which prior variances are measured in a row.
 const PRIOR_PAIRS: f64 = 16.0;
-/// Rays at each of them.
+/// Rays at each of them, and the first of them, by which the others tell what rays leave in this scene.
 const PRIOR_RAYS: usize = 512;
+const PRIOR_FIRST_RAYS: usize = 64;
 /// Bound of the steps of each class in a row. A choice: twice what 16 pairs with a crowded shaft take.
 const PRIOR_STEPS: u64 = 10_000_000;
 

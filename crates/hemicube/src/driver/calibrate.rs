@@ -1,20 +1,20 @@
-//! Calibration of a tolerance on a scene: effort and resolution, from a seeded sample of its rows.
+//! Settling of a tolerance on a scene, in one pass over a seeded sample of its rows.
 //!
-//! 256 rows, from one hemicube each, tell the norm that the tolerance is relative to. 64 of them, compared with rays,
-//! tell the error of visible fractions from one hemicube in this scene: the prior variances
-//! ([`crate::accuracy::correct::PriorVariances`]). Efforts are then tried on these rows, from the cheapest on, against
-//! the same rows with a quarter of the tolerance. The first that keeps the tolerance with a margin is taken.
-//! Where patches are several elements, the error is that of the patches' matrix (`grouped.rs`): errors of the elements'
-//! rows may be larger, by efforts of up to 8. What a row sums to keeps the tolerance whatever the effort, and so do
-//! closed forms. Everything depends on the scene, the settings and the seed, never on a clock.
+//! 256 rows, from one hemicube each, tell the norm that the tolerance is relative to. 64 of them, compared with rays, tell
+//! the error of visible fractions from one hemicube in this scene, the prior variances
+//! ([`crate::accuracy::correct::PriorVariances`]), and by what factor rays leave more than usual ones
+//! ([`crate::accuracy::error_model::RayGain`]). By these, the multiplier λ at which the sample leaves
+//! [`AIM`] of the tolerance follows. The rows are then done once: where some of their pairs prove worse than expected,
+//! λ rises in proportion to the squared error that the rows expect. Nothing is tried twice, and no row is compared with
+//! a better one. Where patches are several elements, the error is that of the patches' matrix ([`share_of_elements`]).
+//! What a row sums to keeps the tolerance by itself, and so do closed forms. Everything depends on the scene, the
+//! settings and the seed, never on a clock.
 //!
-//! Settling is bounded, as rows are: its rows tried with a quarter of the tolerance take 6 · 10⁹ steps, or twice those
-//! of a row's bound if these are more, and so do its efforts. Where the first do, fewer rows are tried, evenly from the
-//! sample, eight at least; where the second do, the effort is the last one's in proportion to its error, and the reason
-//! says so. A row tried that its bound cut short has its own expected error on top of what efforts differ from it by.
+//! Settling is bounded, as rows are: its rows take 6 · 10⁹ steps, or twice those of a row's bound if these are more, and
+//! what is under way then; eight are done at least, evenly from the sample.
 //!
-//! No calibration in the store, because calibrating again from its seed gives the same and takes seconds; a stored one
-//! would be a second truth.
+//! No calibration in the store, because calibrating again from its seed gives the same and takes part of a second; a
+//! stored one would be a second truth.
 
 mod grouped;
 
@@ -27,7 +27,7 @@ use crate::factor::FactorRule;
 use crate::row::{RowBlock, RowView};
 use crate::visibility::spaces::Spaces;
 use crate::{Grouping, Model};
-use grouped::{Draw, added_up, difference, mean_and_error, mean_norm, of_patch};
+use grouped::{Draw, added_up, mean_and_error, mean_norm, of_patch, share_of_elements};
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -56,13 +56,13 @@ pub struct Calibration {
     pub refinement: Refinement,
     /// Pixels along an edge of the hemicube.
     pub resolution: u32,
-    /// Relative Frobenius error of the rows tried; 0 where none was tried.
+    /// Relative Frobenius error that the rows done expect; 0 where none was done.
     pub expected: f64,
-    /// `expected` with 1.5 standard errors added, for the rows not tried.
+    /// `expected` with 1.5 standard errors added, for the other rows.
     pub at_most: f64,
-    /// Number of rows tried.
+    /// Number of rows done.
     pub rows: usize,
-    /// Effort, resolution and errors in words.
+    /// Resolution and errors in words.
     pub reason: String,
 }
 
@@ -75,9 +75,9 @@ impl Calibration {
 
 /// Rows that the norm is estimated from.
 const NORM_ROWS: usize = 256;
-/// Rows of them that efforts are tried on.
+/// Rows of them that are compared with rays and done.
 const TRIED_ROWS: usize = 64;
-/// Standard errors added to the error of the rows tried.
+/// Standard errors added to the error of the rows done.
 const SURE: f64 = 1.5;
 /// Patches of a scene, and the tolerance, up to which every pair is measured to a bound of its own: a room of 300 takes
 /// less than half the time that rays took at 0.2 %.
@@ -86,55 +86,26 @@ const FINE: f64 = 2e-3;
 /// Tolerance that no number of rays keeps, and patches of a scene up to which every pair is then measured by itself.
 const FINEST_OF_RAYS: f64 = 0.99e-5;
 const MANY: usize = 4096;
-/// Share of the tolerance that the rows tried may have, for the sake of the others.
-const MARGIN: f64 = 0.82;
-/// Slack in the rule that an error falls in proportion to the effort at most.
-const SLACK: f64 = 1.15;
-/// Squared error of patches, in the mean squared error of their elements' rows, at least: a choice. By it, an error of
-/// elements is taken for up to four times that of their patches.
-const LEAST_SHARED: f64 = 1.0 / 16.0;
-/// Bounds of the ratio of a found to an expected squared error: rows tried are too few to believe more.
-const LEAST_ESTIMATE: f64 = 0.05;
-const MOST_ESTIMATE: f64 = 4.0;
-/// Bound of the steps of the rows tried with a quarter of the tolerance, and of the efforts tried; and the same in
-/// bounds of a row: the larger counts. About ten seconds of one thread each. Choices.
+/// Part of the tolerance that the sample's rows may have, for the sake of the others. A choice: with less, rows cost more;
+/// with more, fewer scenes keep the tolerance (`scoreboard board`, and `accuracy calibration`).
+const AIM: f64 = 0.85;
+/// Bound of the steps of the rows done; and the same in bounds of a row: the larger counts. About ten seconds of one
+/// thread. Choices.
 const BOUND: u64 = 6_000_000_000;
 const BOUND_IN_ROWS: u64 = 2;
-/// Number of rows, and of their twins, that are tried at once, and the least number tried.
+/// Number of rows that are done at once, and the least number done.
 const CHUNK: usize = 4;
 const TRIED_AT_LEAST: usize = 8;
 /// Entries after which no further row counts for the norm, and the rows that count in any case. Choices.
 const NORM_ENTRIES: usize = 1_000_000;
 const NORM_ROWS_AT_LEAST: usize = 64;
-/// A calibration's reason where its effort was not tried.
-const BY_PROPORTION: &str = "by proportion";
 /// Seed of the sample.
 const SEED: u64 = 0x7E57_0F70;
+/// Pixels along an edge.
+const RESOLUTION: u32 = 128;
 
-/// Efforts, from the cheapest to the dearest. Even the cheapest looks for pairs missed by its hemicube: few rows of a
-/// scene have any, and a sample may have none of these.
-const EFFORTS: [f64; 24] = [
-    8.0, 4.0, 2.5, 1.8, 1.6, 1.4, 1.2, 1.1, 1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.62, 0.55, 0.48, 0.42, 0.36, 0.3,
-    0.25, 0.21, 0.18,
-];
-/// Pixels along an edge for efforts above [`COARSE_EFFORT`], and for the others.
-const COARSE: u32 = 64;
-const FINEST: u32 = 128;
-const COARSE_EFFORT: f64 = 2.0;
-
-fn resolution_of(effort: f64) -> u32 {
-    if effort > COARSE_EFFORT { COARSE } else { FINEST }
-}
-
-/// Columns and form factors of a row at some effort.
+/// Columns and form factors of a row.
 type Row = Vec<(u32, f64)>;
-
-/// A row with a quarter of the tolerance.
-struct Tried {
-    row: Row,
-    /// Expected Σ (F − true F)² of a row that met its bound; 0 of others.
-    squared_error: f64,
-}
 
 /// Elements with rows, and the patches that they are of.
 #[derive(Clone, Copy, Debug)]
@@ -160,8 +131,8 @@ impl<'a> From<&'a Vec<InputPatch>> for Emitters<'a> {
     }
 }
 
-/// Finds the effort and resolution that keep `tolerance` over the rows of `emitters`: of their patches, where those are
-/// several elements. Threads do not change them.
+/// Finds the refinement that keeps `tolerance` over the rows of `emitters`: of their patches, where those are several
+/// elements. Threads do not change it.
 ///
 /// # Errors
 /// When the backend fails or breaks the contract, and [`ComputeError::Cancelled`] when it is cancelled: half a sample
@@ -199,19 +170,9 @@ pub fn calibrate<'a>(
     // Twins follow the rows that they are of.
     let own = if grouping.is_some() { weights.len() } else { rows.len() };
     let stride = own.div_ceil(TRIED_ROWS).max(1);
-    let tried = (0..own).step_by(stride);
-    let mut sample = Sample {
-        tried: match grouping {
-            None => tried.collect(),
-            Some(_) => tried.clone().chain(tried.map(|place| own + place)).collect(),
-        },
-        // Where all pairs are measured, no effort is tried with coarse ones.
-        coarse: if model.patches().len() <= SMALL {
-            RowBlock::default()
-        } else {
-            hemicubes(model, &rows, rotate, COARSE, backend)?
-        },
-        fine: hemicubes(model, &rows, rotate, FINEST, backend)?,
+    let sample = Sample {
+        tried: (0..own).step_by(stride).collect(),
+        drawn: hemicubes(model, &rows, rotate, backend)?,
         rows,
         weights,
         grouping,
@@ -222,29 +183,7 @@ pub fn calibrate<'a>(
         execution,
     };
     let (known, norm) = sample.learn()?;
-    let exact = sample.exact(known)?;
-    let mut calibration = sample.search(known, norm, &exact)?;
-    let percent = |x: f64| format!("{:.3} %", 100.0 * x);
-    let verdict = if calibration.reason == BY_PROPORTION {
-        "; the effort in proportion, as settling met the bound of its work"
-    } else if calibration.keeps(tolerance) {
-        ""
-    } else {
-        "; more than was asked for, and the most that is tried"
-    };
-    calibration.reason = format!(
-        "visible fractions refined with effort {}, N = {}: {} off on {} rows tried{}, at most about {}{verdict}",
-        calibration.refinement.effort,
-        calibration.resolution,
-        percent(calibration.expected),
-        calibration.rows,
-        grouping.map_or_else(String::new, |grouping| format!(
-            ", added up by {}",
-            grouping.kind().name()
-        )),
-        percent(calibration.at_most),
-    );
-    Ok(calibration)
+    sample.settle(known, norm)
 }
 
 /// Every pair measured to the tolerance by itself: for scenes with few pairs, and a tolerance that wants each right.
@@ -255,7 +194,7 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
             rule: FactorRule::exact(),
             ..Refinement::for_tolerance(tolerance)
         },
-        resolution: FINEST,
+        resolution: RESOLUTION,
         expected: 0.0,
         at_most: 0.0,
         rows: 0,
@@ -266,7 +205,7 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
     }
 }
 
-/// A sample of a scene's rows, one hemicube each at both resolutions.
+/// A sample of a scene's rows, one hemicube each.
 struct Sample<'a> {
     model: &'a Model,
     spaces: Arc<Spaces>,
@@ -274,12 +213,11 @@ struct Sample<'a> {
     tolerance: f64,
     execution: Execution<'a>,
     rows: Vec<InputPatch>,
-    /// Places in `rows` of the rows that efforts are tried on.
+    /// Places in `rows` of the rows that are done.
     tried: Vec<usize>,
-    coarse: RowBlock,
-    fine: RowBlock,
-    /// The patches of elements. The second half of `rows`, and of `tried`, then are other elements of the patches of
-    /// the first half, whose weights in their patches are here.
+    drawn: RowBlock,
+    /// The patches of elements. The second half of `rows` then are other elements of the patches of the first half, whose
+    /// weights in their patches are here.
     grouping: Option<&'a Grouping>,
     weights: Vec<f64>,
 }
@@ -298,9 +236,9 @@ impl Sample<'_> {
     }
 
     /// The patches that the k-th row's hemicube saw, with their visible fractions.
-    fn seen<'r>(&'r self, block: &'r RowBlock, k: usize) -> impl Iterator<Item = (u32, f64)> + 'r {
+    fn seen(&self, k: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
         let of = self.rows[k].0;
-        seen(block.row(k)).filter(move |&(patch, _)| !self.spaces.separate(of, patch))
+        seen(self.drawn.row(k)).filter(move |&(patch, _)| !self.spaces.separate(of, patch))
     }
 
     /// Tells the patches that the k-th row may have an entry for.
@@ -340,7 +278,7 @@ impl Sample<'_> {
             }
             self.go_on()?;
             norm += refiner
-                .row(model, self.rows[k], self.seen(&self.fine, k), false, self.receivers(k))
+                .row(model, self.rows[k], self.seen(k), false, self.receivers(k))
                 .squared_norm;
             entries += refiner.pairs.len();
             counted += 1;
@@ -348,7 +286,7 @@ impl Sample<'_> {
                 rows.push(self.of_patches(values(&refiner.pairs)));
             }
         }
-        let escaped: u64 = (0..count).map(|k| u64::from(self.fine.row(k).escaped)).sum();
+        let escaped: u64 = (0..count).map(|k| u64::from(self.drawn.row(k).escaped)).sum();
         let known = Refinement {
             mean_squared_norm: norm / counted.max(1) as f64,
             is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
@@ -359,13 +297,7 @@ impl Sample<'_> {
         let mut refiner = self.refiner(known);
         for &k in &self.tried {
             self.go_on()?;
-            refiner.measure_priors(
-                model,
-                self.rows[k],
-                self.seen(&self.fine, k),
-                self.receivers(k),
-                &mut sums,
-            );
+            refiner.measure_priors(model, self.rows[k], self.seen(k), self.receivers(k), &mut sums);
         }
         let norm = match self.grouping {
             Some(_) => {
@@ -375,11 +307,11 @@ impl Sample<'_> {
             }
             None => known.mean_squared_norm,
         };
-        let priors = sums.priors();
-        Ok((Refinement { priors, ..known }, norm))
+        let (priors, gain) = (sums.priors(), sums.ray_gain());
+        Ok((Refinement { priors, gain, ..known }, norm))
     }
 
-    /// `known` at an effort, with its Lagrange multiplier.
+    /// `known` at an effort, with the multiplier λ at which the sample's rows are expected to keep it.
     fn at_effort(&self, known: Refinement, effort: f64) -> Result<Refinement, ComputeError> {
         let refinement = Refinement { effort, ..known };
         let mut refiner = self.refiner(refinement);
@@ -391,165 +323,88 @@ impl Sample<'_> {
         let mut expected_errors = Vec::with_capacity(asked.len());
         for k in asked {
             self.go_on()?;
-            let seen = self.seen(&self.fine, k);
-            expected_errors.push(refiner.expected_errors(self.model, self.rows[k], seen, self.receivers(k)));
+            expected_errors.push(refiner.expected_errors(self.model, self.rows[k], self.seen(k), self.receivers(k)));
         }
         Ok(refinement.with_multiplier_of(&expected_errors))
     }
 
-    /// The k-th row refined, with its expected error and cost.
-    fn refined(&self, refiner: &mut Refiner<'_>, block: &RowBlock, k: usize) -> (Row, Refined) {
-        let refined = refiner.row(self.model, self.rows[k], self.seen(block, k), false, self.receivers(k));
-        (values(&refiner.pairs), refined)
-    }
-
-    /// The rows tried, with a quarter of the tolerance. Where they meet the bound of settling, `self.tried` has fewer
-    /// of them afterwards.
-    fn exact(&mut self, known: Refinement) -> Result<Vec<Tried>, ComputeError> {
-        let finest = Refinement {
-            rule: FactorRule::for_tolerance(self.tolerance * 0.1),
-            ..self.at_effort(known, 0.25)?
-        };
-        let own = match self.grouping {
-            Some(_) => self.tried.len() / 2,
-            None => self.tried.len(),
-        };
-        let most_steps = bound(&finest);
-        let mut exact: Vec<(usize, Tried)> = Vec::with_capacity(self.tried.len());
-        let mut steps = 0;
-        for chunk in spread(own).chunks(CHUNK) {
-            let twins = chunk.iter().map(|n| own + n).filter(|&n| n < self.tried.len());
-            let numbers: Vec<usize> = chunk.iter().copied().chain(twins).collect();
-            let found = side_by_side(self.execution, finest, &numbers, |refiner, n| {
-                self.refined(refiner, &self.fine, self.tried[n])
+    /// Expected Σ (F − true F)² of the rows done at a refinement, with the places in `rows` that they have.
+    fn done(&self, refinement: Refinement) -> Result<Vec<(usize, Refined)>, ComputeError> {
+        let most_steps = BOUND.max(BOUND_IN_ROWS * refinement.most_steps());
+        let (mut steps, mut done) = (0, Vec::with_capacity(self.tried.len()));
+        for chunk in spread(self.tried.len()).chunks(CHUNK) {
+            let places: Vec<usize> = chunk.iter().map(|&n| self.tried[n]).collect();
+            let found = side_by_side(self.execution, refinement, &places, |refiner, k| {
+                refiner.row(self.model, self.rows[k], self.seen(k), false, self.receivers(k))
             });
             self.go_on()?;
-            for (n, (row, refined)) in numbers.into_iter().zip(found) {
-                steps += refined.steps;
-                let squared_error = if refined.cut_short { refined.squared_error } else { 0.0 };
-                exact.push((n, Tried { row, squared_error }));
-            }
-            if steps >= most_steps && exact.len() >= TRIED_AT_LEAST {
+            steps += found.iter().map(|refined| refined.steps).sum::<u64>();
+            done.extend(places.into_iter().zip(found));
+            if steps >= most_steps && done.len() >= TRIED_AT_LEAST {
                 break;
             }
         }
-        exact.sort_by_key(|&(n, _)| n);
-        self.tried = exact.iter().map(|&(n, _)| self.tried[n]).collect();
-        Ok(exact.into_iter().map(|(_, tried)| tried).collect())
+        Ok(done)
     }
 
-    /// Tries an effort: the error of the rows tried, relative to `norm`, the mean of Σ F²; and its steps.
-    fn try_effort(
-        &self,
-        known: Refinement,
-        norm: f64,
-        exact: &[Tried],
-        effort: f64,
-    ) -> Result<(Calibration, u64), ComputeError> {
-        let refinement = self.at_effort(known, effort)?;
-        // Where all pairs are measured, hemicubes only tell escaped and blocked shares: coarse ones would save nothing.
-        let resolution = if known.all { FINEST } else { resolution_of(effort) };
-        let block = if resolution == COARSE { &self.coarse } else { &self.fine };
-        let numbered: Vec<usize> = (0..self.tried.len()).collect();
-        let found: Vec<(Row, Refined)> = side_by_side(self.execution, refinement, &numbered, |refiner, n| {
-            self.refined(refiner, block, self.tried[n])
-        });
-        self.go_on()?;
-        let (rows, refined): (Vec<Row>, Vec<Refined>) = found.into_iter().unzip();
-        let steps = refined.iter().map(|refined| refined.steps).sum();
-        let errors = rows
-            .iter()
-            .zip(exact)
-            .map(|(row, exact)| squared_difference(row, &exact.row) + exact.squared_error);
-        let errors: Vec<f64> = errors.collect();
-        let squared: f64 = errors.iter().sum();
-        let expected: f64 = refined.iter().map(|refined| refined.squared_error).sum();
-        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-        let estimate = if expected > 0.0 {
-            (squared / expected).clamp(LEAST_ESTIMATE, MOST_ESTIMATE) as f32
-        } else {
-            1.0
-        };
+    /// The refinement that keeps the tolerance relative to `norm`, the mean of Σ F² over the rows of the matrix.
+    fn settle(&self, known: Refinement, norm: f64) -> Result<Calibration, ComputeError> {
         let norm = norm.max(f64::MIN_POSITIVE);
-        let (mut mean, mut error) = mean_and_error(&errors);
-        if self.grouping.is_some() {
-            let differences: Vec<Row> = rows
-                .iter()
-                .zip(exact)
-                .map(|(row, exact)| difference(row, &exact.row))
-                .collect();
-            let own = differences.len() / 2;
-            let of = |n: usize| {
-                let of_elements = of_patch(self.weights[self.tried[n]], &differences[n], &differences[own + n]);
-                of_elements + exact[n].squared_error
-            };
-            let of_patches: Vec<f64> = (0..own).map(of).collect();
-            // Few pairs know a mean near 0 badly.
-            let least = LEAST_SHARED * mean;
-            (mean, error) = mean_and_error(&of_patches);
-            mean = mean.max(least);
-        }
-        let calibration = Calibration {
-            refinement: Refinement { estimate, ..refinement },
-            resolution,
-            expected: (mean / norm).sqrt(),
-            at_most: ((mean + SURE * error) / norm).sqrt(),
-            rows: if self.grouping.is_some() {
-                errors.len() / 2
-            } else {
-                errors.len()
-            },
-            reason: String::new(),
+        // What an element's error counts for in its patch's, and so how far its own may be off.
+        let share = |place: usize| self.weights.get(place).map_or(1.0, |&weight| share_of_elements(weight));
+        let mean_share = match self.weights.len() {
+            0 => 1.0,
+            count => {
+                self.weights
+                    .iter()
+                    .map(|&weight| share_of_elements(weight))
+                    .sum::<f64>()
+                    / count as f64
+            }
         };
-        Ok((calibration, steps))
+        let of_rows = known.mean_squared_norm.max(f64::MIN_POSITIVE);
+        let effort = AIM * (norm / (of_rows * mean_share)).sqrt();
+        let first = self.at_effort(known, effort)?;
+        let done = self.done(first)?;
+        let errors: Vec<f64> = done
+            .iter()
+            .map(|&(k, refined)| share(k) * refined.squared_error)
+            .collect();
+        let (mean, error) = mean_and_error(&errors);
+        let (found, most) = ((mean / norm).sqrt(), AIM * self.tolerance);
+        // Errors fall in proportion to the effort.
+        let scale = if found > most { most / found } else { 1.0 };
+        let refinement = if scale < 1.0 {
+            self.at_effort(known, effort * scale)?
+        } else {
+            first
+        };
+        let expected = scale * found;
+        let at_most = scale * ((mean + SURE * error) / norm).sqrt();
+        let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+        Ok(Calibration {
+            refinement,
+            resolution: RESOLUTION,
+            expected,
+            at_most,
+            rows: done.len(),
+            reason: format!(
+                "N = {RESOLUTION}, visible fractions refined until {} are expected on {} rows{}, at most about {}{}",
+                percent(expected),
+                done.len(),
+                self.grouping.map_or_else(String::new, |grouping| format!(
+                    ", added up by {}",
+                    grouping.kind().name()
+                )),
+                percent(at_most),
+                if at_most <= self.tolerance {
+                    ""
+                } else {
+                    "; more than was asked for"
+                },
+            ),
+        })
     }
-
-    /// The cheapest effort that keeps the tolerance with a margin, otherwise the dearest; of those that the bound of
-    /// settling's work leaves untried, the one that keeps it if errors fall in proportion to efforts.
-    fn search(&self, known: Refinement, norm: f64, exact: &[Tried]) -> Result<Calibration, ComputeError> {
-        let [cheapest, dearer @ ..] = EFFORTS;
-        let [.., dearest] = EFFORTS;
-        let most = MARGIN * self.tolerance;
-        let most_steps = bound(&known);
-        let (mut found, mut steps) = self.try_effort(known, norm, exact, cheapest)?;
-        for effort in dearer {
-            if found.at_most <= most {
-                break;
-            }
-            // An error falls with the effort at most: an effort that cannot do is not tried.
-            let share = effort / found.refinement.effort;
-            let hope = share * found.at_most;
-            if steps >= most_steps {
-                if hope <= most || effort == dearest {
-                    let refinement = self.at_effort(known, effort)?;
-                    found = Calibration {
-                        refinement: Refinement {
-                            estimate: found.refinement.estimate,
-                            ..refinement
-                        },
-                        resolution: if known.all { FINEST } else { resolution_of(effort) },
-                        expected: share * found.expected,
-                        at_most: hope,
-                        reason: BY_PROPORTION.to_owned(),
-                        ..found
-                    };
-                    break;
-                }
-            } else if hope <= SLACK * MARGIN * self.tolerance
-                || effort == dearest
-                || resolution_of(effort) != found.resolution
-            {
-                let (tried, more) = self.try_effort(known, norm, exact, effort)?;
-                (found, steps) = (tried, steps + more);
-            }
-        }
-        Ok(found)
-    }
-}
-
-/// Bound of the steps of settling's rows, or of its efforts.
-fn bound(refinement: &Refinement) -> u64 {
-    BOUND.max(BOUND_IN_ROWS * refinement.most_steps())
 }
 
 /// The numbers below `count`, each first part of them evenly spread: those of the even places follow those of every
@@ -606,24 +461,6 @@ fn values(pairs: &[Pair]) -> Row {
         .collect()
 }
 
-/// Σ (a − b)² of two rows with ascending patches.
-fn squared_difference(a: &Row, b: &Row) -> f64 {
-    let (mut at, mut sum) = (0, 0.0);
-    for &(patch, value) in a {
-        while at < b.len() && b[at].0 < patch {
-            sum += b[at].1.powi(2);
-            at += 1;
-        }
-        if at < b.len() && b[at].0 == patch {
-            sum += (value - b[at].1).powi(2);
-            at += 1;
-        } else {
-            sum += value * value;
-        }
-    }
-    sum + b[at..].iter().map(|e| e.1.powi(2)).sum::<f64>()
-}
-
 fn seen(row: RowView<'_>) -> impl Iterator<Item = (u32, f64)> + '_ {
     row.patches
         .iter()
@@ -637,11 +474,10 @@ fn hemicubes(
     model: &Model,
     rows: &[InputPatch],
     rotate: bool,
-    resolution: u32,
     backend: &mut dyn HemicubeBackend,
 ) -> Result<RowBlock, ComputeError> {
     let settings = RenderSettings {
-        resolution,
+        resolution: RESOLUTION,
         culling: Culling::On,
         covered: true,
     };

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// Name of this program in manifests: its version, a plus sign, and a number raised whenever the same settings and
 /// hemicubes come to other bits. A store is resumed only by the program of its manifest.
-pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+24");
+pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+25");
 
 /// Everything that rows depend on but the scene's triangles. Nothing in it is still to be chosen.
 ///
