@@ -165,7 +165,7 @@ pub(crate) fn columns(gaps: &[u16], lengths: &[u8], count: u64, columns: &mut Ve
 
 #[cfg(test)]
 mod tests {
-    use super::validate::FACTOR_END;
+    use super::super::validate::FACTOR_END;
     use super::*;
 
     #[test]
