@@ -88,7 +88,7 @@ fn bits(bless: bool) -> Result<(), Box<dyn std::error::Error>> {
     println!("{}", new.changed(&old).unwrap_or_else(|| "bits changed: no".to_owned()));
     if bless {
         if !new.may_replace(&old) {
-            return Err("not committed: `PROGRAM` in crates/hemicube/src/driver/settings.rs is not raised".into());
+            return Err("not committed: `PROGRAM` in crates/store/src/lib.rs is not raised".into());
         }
         std::fs::write(Bits::path(), new.to_text())?;
     }

@@ -186,7 +186,7 @@ impl Bits {
                 let first = if is_raised {
                     String::new()
                 } else {
-                    "raise `PROGRAM` in crates/hemicube/src/driver/settings.rs, and then ".to_owned()
+                    "raise `PROGRAM` in crates/store/src/lib.rs, and then ".to_owned()
                 };
                 Some(format!(
                     "bits changed: yes, in {} of {}: {}. If they should: {first}{bless}",

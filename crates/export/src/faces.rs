@@ -5,9 +5,9 @@
 
 use crate::matrix::require_room;
 use crate::{Error, Result};
-use hemicube::InputPatch;
-use hemicube::analysis::zones::{GroupBy, Zone, zones};
-use hemicube::store::Store;
+use hemicube_scene::InputPatch;
+use hemicube_solve::analysis::zones::{GroupBy, Zone, zones};
+use hemicube_store::Store;
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::Path;

@@ -31,16 +31,17 @@
 //! use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
 //! use hemicube_scene::{Axis, Patches, Subdivision, generate};
 //! use std::sync::atomic::AtomicBool;
-//! # use hemicube::accuracy::correct::Correction;
-//! # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+//! # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs")); }
 //! # let folder = tempfile::tempdir()?;
-//! # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+//! # let store = room::stored(&folder.path().join("room.hemicube"), 0.0)?;
 //! # let path = folder.path().join("room.vtp");
+//! # let mut scene = generate::cornell_box();
+//! # scene.triangles.truncate(6); // as many as the store has patches
 //!
 //! // What a store knows of its patches, a result of your own, and where the patches are.
 //! let mut results = PatchResults::read(&store, &[])?;
 //! results.push("temperature", vec![293.15; results.patch_count()])?;
-//! results.place(&Patches::new(&generate::cornell_box(), Subdivision::Split(2))?, Axis::Y)?;
+//! results.place(&Patches::new(&scene, Subdivision::None)?, Axis::Y)?;
 //!
 //! let format = PatchFormat::of(&path)?;
 //! let options = WriteOptions { overwrite: false, cancel: &AtomicBool::new(false) };

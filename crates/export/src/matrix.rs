@@ -6,10 +6,10 @@
 use crate::formats::Forecast;
 use crate::write::{Cancellable, WriteOptions, on_write};
 use crate::{Error, ExportFormat, Result};
-use hemicube::InputPatch;
-use hemicube::analysis::zones::Zone;
-use hemicube::sky::StoredSky;
-use hemicube::store::{self, FactorSlice, FactorVec, PATCH_COUNT_MAX, Precision, Row, Store};
+use hemicube_scene::InputPatch;
+use hemicube_solve::analysis::zones::Zone;
+use hemicube_store::sky::StoredSky;
+use hemicube_store::{self as store, FactorSlice, FactorVec, PATCH_COUNT_MAX, Precision, Row, Store};
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -60,22 +60,21 @@ pub struct ExportReport {
 /// give.
 ///
 /// ```
-/// use hemicube::store::Matrix;
+/// use hemicube_store::Matrix;
 /// use hemicube_export::{ExportFormat, ExportOptions, export};
-/// # use hemicube::InputPatch;
-/// # use hemicube::accuracy::correct::Correction;
-/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+/// # use hemicube_scene::InputPatch;
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
-/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), 0.0)?;
 /// # let path = folder.path().join("room.mtx");
 ///
 /// let report = export(&store, &path, ExportFormat::of(&path)?, ExportOptions::default())?;
 /// let text = std::fs::read_to_string(&path)?;
 /// let size = text.lines().find(|line| !line.starts_with('%'));
-/// assert_eq!(size, Some(&*format!("160 160 {}", report.entries)));
+/// assert_eq!(size, Some(&*format!("6 6 {}", report.entries)));
 ///
 /// // What was written is what was computed, to the bit.
-/// let (row, exported) = (store.row(InputPatch(9))?.ok_or("no row")?, Matrix::open(&path)?.row(9)?.ok_or("no row")?);
+/// let (row, exported) = (store.row(InputPatch(2))?.ok_or("no row")?, Matrix::open(&path)?.row(2)?.ok_or("no row")?);
 /// assert_eq!(exported.columns, row.indices);
 /// assert!(exported.values.iter().eq(row.data.iter().collect::<Vec<f64>>().iter()));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

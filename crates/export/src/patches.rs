@@ -2,10 +2,11 @@
 
 use crate::{Error, Result};
 use glam::DVec3;
-use hemicube::solve::StoredSolution;
-use hemicube::store::{PatchTable, Store};
-use hemicube::{Grouping, InputPatch};
+use hemicube_scene::InputPatch;
 use hemicube_scene::{Axis, Patches};
+use hemicube_solve::solve::StoredSolution;
+use hemicube_store::Grouping;
+use hemicube_store::{PatchTable, Store};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -159,10 +160,9 @@ impl Colors {
 ///
 /// ```
 /// use hemicube_export::{PatchResults, Values};
-/// # use hemicube::accuracy::correct::Correction;
-/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
-/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), 0.0)?;
 ///
 /// let mut results = PatchResults::read(&store, &[])?;
 /// let Some(Values::Real(areas)) = results.column("area").map(|column| &column.values) else {

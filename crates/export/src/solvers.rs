@@ -22,7 +22,7 @@ pub(crate) use view3d::{View3d, View3dBinary};
 use crate::faces::{Faces, Found, Grouping, Needs};
 use crate::write::{Cancellable, WriteOptions, on_write};
 use crate::{Error, Result, SolverFormat};
-use hemicube::store::Store;
+use hemicube_store::Store;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -114,10 +114,9 @@ impl SolverJob<'_> {
 /// ```
 /// use hemicube_export::{SolverFormat, SolverOptions, WriteOptions, export_for};
 /// use std::sync::atomic::AtomicBool;
-/// # use hemicube::accuracy::correct::Correction;
-/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../hemicube/doc/room.rs")); }
+/// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs")); }
 /// # let folder = tempfile::tempdir()?;
-/// # let store = room::stored(&folder.path().join("room.hemicube"), Correction::Pixel)?;
+/// # let store = room::stored(&folder.path().join("room.hemicube"), 0.0)?;
 /// # let path = folder.path().join("ViewFactors.dat");
 ///
 /// let write = WriteOptions { overwrite: false, cancel: &AtomicBool::new(false) };

@@ -1,7 +1,7 @@
 //! Files written whole or not at all, and the errors of writing them.
 
 use crate::{Colors, Named, PatchFormat, PatchResults, listed};
-use hemicube::store::{self, DurableFile};
+use hemicube_store::{self as store, DurableFile};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -5,9 +5,9 @@
 #[path = "../../hemicube/tests/matrices/store/sample.rs"]
 mod sample;
 
-use hemicube::analysis::compare::{CompareOptions, compare};
-use hemicube::store::{self, Matrix, Store};
 use hemicube_export::{Error, ExportFormat, ExportOptions, ExportReport, export};
+use hemicube_solve::analysis::compare::{CompareOptions, compare};
+use hemicube_store::{self as store, Matrix, Store};
 use sample::{Sample, sample};
 use std::path::Path;
 

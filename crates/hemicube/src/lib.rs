@@ -30,14 +30,11 @@
 //! ```
 
 pub mod accuracy;
-pub mod analysis;
 pub mod diagnose;
 pub mod driver;
 pub mod factor;
 pub mod frame;
 mod geometry;
-mod grouping;
-pub mod groups;
 mod model;
 pub mod points;
 pub mod portal;
@@ -45,12 +42,11 @@ pub mod reference;
 mod sampling;
 mod simd;
 pub mod sky;
-pub mod solve;
 mod steps;
-pub mod store;
 mod visibility;
 
-pub use grouping::{Grouping, PatchKind};
 pub use hemicube_contract::{backend, bvh, close, delta, escaped, face, outline, row};
 pub use hemicube_scene::InputPatch;
+pub use hemicube_solve::{analysis, groups, solve};
+pub use hemicube_store::{self as store, Grouping, PatchKind};
 pub use model::{HierarchyOptions, Model, ModelError};

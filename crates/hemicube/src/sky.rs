@@ -19,10 +19,10 @@ mod files;
 mod grouped;
 mod through;
 
-pub use files::{
-    SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_product, sky_view_factors_beside,
-    write_points, write_sky, write_sunlight,
+pub use crate::store::sky::{
+    SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_view_factors_beside,
 };
+pub use files::{sky_product, write_points, write_sky, write_sunlight};
 pub use grouped::{hemicubes_along, sky_of_groups};
 pub use through::{Glazed, SUN_POINTS, sky_through_portals, sunlight};
 

@@ -21,6 +21,7 @@ mod folder;
 mod formats;
 #[cfg(feature = "generate")]
 pub mod generate;
+pub mod globs;
 mod ledger;
 #[cfg(feature = "_meshes")]
 mod mesh;

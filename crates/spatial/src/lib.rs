@@ -65,6 +65,9 @@ mod frustum;
 pub mod morton;
 mod octree;
 mod order;
+/// For the kernels of the crates beside this one: it changes without notice.
+#[doc(hidden)]
+pub mod simd;
 mod validate;
 pub mod whole;
 

@@ -1,5 +1,6 @@
-//! The layers of `hemicube`: each of its top-level modules uses only those above it in ARCHITECTURE.md's list, so that
-//! no two modules use each other, directly or through others. Comments, strings and unit tests are left out.
+//! The layers of `hemicube` and of `hemicube-solve`: each of their top-level modules uses only those above it in
+//! ARCHITECTURE.md's lists, so that no two modules use each other, directly or through others. Comments, strings and unit
+//! tests are left out. What crates use of each other, Cargo holds.
 
 use hemicube_tests::scenes::workspace;
 use std::collections::{BTreeMap, BTreeSet};
@@ -126,9 +127,10 @@ fn upward(uses: &Uses, order: &[&str]) -> Vec<String> {
     found
 }
 
-/// The modules in ARCHITECTURE.md's list, in order.
-fn listed(text: &str) -> Vec<&str> {
-    let list = text.split("from the ground up:\n\n```\n").nth(1).expect("the list");
+/// The modules in ARCHITECTURE.md's list of a crate, in order.
+fn listed<'t>(text: &'t str, of: &str) -> Vec<&'t str> {
+    let head = format!("`{of}/src`, from the ground up:\n\n```\n");
+    let list = text.split(&head).nth(1).expect("the list");
     let list = list.split("```").next().expect("its end");
     // Names stand in the first 30 characters of a line, then what they are.
     list.lines()
@@ -140,11 +142,9 @@ fn listed(text: &str) -> Vec<&str> {
 #[test]
 fn modules_use_only_those_above_them() {
     let text = std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("the architecture");
-    let order = listed(&text);
+    let order = listed(&text, "hemicube");
     assert!(order.len() > 10 && order.contains(&"driver"), "{order:?}");
     let names = BTreeMap::from([
-        ("Grouping", "grouping"),
-        ("PatchKind", "grouping"),
         ("Model", "model"),
         ("HierarchyOptions", "model"),
         ("ModelError", "model"),
@@ -155,6 +155,9 @@ fn modules_use_only_those_above_them() {
         uses["driver"].contains("accuracy") && uses["sky"].contains("driver"),
         "{uses:?}"
     );
+    let solve = uses_of(&workspace().join("crates/solve/src"), &BTreeMap::new());
+    assert_eq!(upward(&solve, &listed(&text, "solve")), Vec::<String>::new());
+    assert!(solve["analysis"].contains("solve"), "{solve:?}");
 
     // A circle is noticed, and so is a module that the list does not have.
     uses.get_mut("accuracy")

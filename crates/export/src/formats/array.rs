@@ -4,7 +4,7 @@ use super::{Forecast, MatrixWriter};
 use crate::matrix::Export;
 use crate::write::Cancellable;
 use crate::{Error, Result};
-use hemicube::store::{self, ElementType, FactorSlice, NpzWriter};
+use hemicube_store::{self as store, ElementType, FactorSlice, NpzWriter};
 use std::io::{self, Write};
 
 /// Rows of `indptr` written at a time.

@@ -10,7 +10,7 @@ use super::{Forecast, MatrixWriter};
 use crate::Result;
 use crate::matrix::Export;
 use crate::write::{Cancellable, on_write};
-use hemicube::store::{FactorSlice, FactorVec, Form, Precision};
+use hemicube_store::{FactorSlice, FactorVec, Form, Precision};
 use parquet::basic::Encoding;
 use parquet::data_type::{DataType, DoubleType, FloatType, Int32Type};
 use parquet::errors::{ParquetError, Result as ParquetResult};

@@ -3,8 +3,8 @@
 use super::PatchWriter;
 use crate::write::{on_write, write_file};
 use crate::{PatchResults, Result, Values, WriteOptions};
-use hemicube::analysis::zones::table_text;
-use hemicube::store::{ElementType, NpzWriter};
+use hemicube_solve::analysis::zones::table_text;
+use hemicube_store::{ElementType, NpzWriter};
 use std::io::{self, Seek, Write};
 use std::path::Path;
 

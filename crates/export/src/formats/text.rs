@@ -5,8 +5,8 @@ use super::{Forecast, MatrixWriter};
 use crate::Result;
 use crate::matrix::Export;
 use crate::write::Cancellable;
-use hemicube::store::{F32_COMMENT, Precision, Row};
 use hemicube_scene::InputPatch;
+use hemicube_store::{F32_COMMENT, Precision, Row};
 use std::fmt::Write as _;
 use std::io::Write as _;
 

@@ -20,7 +20,7 @@ use super::{SolverJob, SolverWriter};
 use crate::Result;
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::{Cancellable, too_large};
-use hemicube::analysis::zones::GroupBy;
+use hemicube_solve::analysis::zones::GroupBy;
 use std::path::{Path, PathBuf};
 
 /// Version unless another is named: Debian 12's.

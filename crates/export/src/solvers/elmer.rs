@@ -12,7 +12,7 @@ use super::{SolverJob, SolverWriter};
 use crate::Result;
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::Cancellable;
-use hemicube::analysis::zones::GroupBy;
+use hemicube_solve::analysis::zones::GroupBy;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

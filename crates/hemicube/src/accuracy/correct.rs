@@ -443,7 +443,7 @@ impl<'c> Converter<'c> {
                 // Where each pair was measured, a row's error is known, and what is beyond it is the rays'.
                 let measured = self.refiner.as_ref().is_some_and(Refiner::measures_each);
                 let own = if measured {
-                    crate::store::shares::ERRORS * f64::from(corrected.error)
+                    crate::store::ERRORS * f64::from(corrected.error)
                 } else {
                     f64::INFINITY
                 };

@@ -11,7 +11,7 @@ use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
-use crate::store::shares::RowShares;
+use crate::store::RowShares;
 use crate::visibility::nearest::nearest_of;
 use crate::visibility::segments::Segment;
 use crate::visibility::spaces::{Spaces, cross_each_other};

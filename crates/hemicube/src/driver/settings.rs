@@ -4,16 +4,13 @@ use crate::PatchKind;
 use crate::backend::BackendInfo;
 use crate::driver::compute::{Plan, RowChoice};
 use crate::portal::PortalRecord;
+pub use crate::store::PROGRAM;
 use crate::store::{BackendEntry, Error, Header, SceneEntry, scene_hash};
 use hemicube_scene::{Axis, Fate, Loss, Patches, Scene, Subdivision};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// Name of this program in manifests: its version, a plus sign, and a number raised whenever the same settings and
-/// hemicubes come to other bits. A store is resumed only by the program of its manifest.
-pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+25");
 
 /// Everything that rows depend on but the scene's triangles. Nothing in it is still to be chosen.
 ///

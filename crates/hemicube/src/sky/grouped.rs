@@ -8,10 +8,10 @@
 //! without a hemicube have a negligible area and are left out, as in the rows of the matrix.
 
 use super::SkyRow;
+use crate::Grouping;
 use crate::Model;
 use crate::accuracy::grain::Grain;
 use crate::backend::WHOLE;
-use crate::grouping::Grouping;
 use hemicube_scene::InputPatch;
 use hemicube_spatial::whole;
 use std::collections::BTreeMap;

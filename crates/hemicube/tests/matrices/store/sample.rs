@@ -2,7 +2,7 @@
 //! writer than the library's.
 #![allow(dead_code, reason = "each test program uses its share")]
 
-use hemicube::store::{
+use hemicube_store::{
     BackendEntry, FactorVec, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store,
     StoreWriter,
 };

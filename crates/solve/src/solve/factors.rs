@@ -1,0 +1,282 @@
+//! The matrix for solvers: run by run, from memory or from a store.
+
+use super::Block;
+use super::pairs::{self, Weights};
+use hemicube_store::{Error, FactorSlice, Number, Part, Result, Store};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+
+/// The rows of a form-factor matrix, in runs read again and again. The order of the runs is fixed, and no two have a
+/// row of the same patch.
+pub trait Factors: Sync {
+    /// Rows and columns of the matrix.
+    fn patch_count(&self) -> usize;
+
+    /// Number of runs.
+    fn run_count(&self) -> usize;
+
+    /// The rows of a run.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    fn run(&self, index: usize) -> Result<Arc<Part>>;
+
+    /// What the two readings of a pair count, where products are of both ([`super::Pairs`]).
+    fn weights(&self) -> Option<&Weights> {
+        None
+    }
+}
+
+/// A matrix in memory: for small scenes, and for embedders.
+#[derive(Clone, Debug, Default)]
+pub struct InMemory {
+    patch_count: usize,
+    parts: Vec<Arc<Part>>,
+}
+
+impl InMemory {
+    /// The matrix of some parts, such as the driver's.
+    pub fn new(patch_count: usize, parts: Vec<Part>) -> Self {
+        Self {
+            patch_count,
+            parts: parts.into_iter().map(Arc::new).collect(),
+        }
+    }
+
+    /// A small matrix, row by row: a textbook's enclosure of some surfaces.
+    pub fn dense(rows: &[Vec<f64>]) -> Self {
+        let mut part = Part {
+            indptr: vec![0],
+            ..Part::default()
+        };
+        for (patch, row) in (0u32..).zip(rows) {
+            for (column, &factor) in (0i32..).zip(row).filter(|(_, factor)| **factor != 0.0) {
+                part.indices.push(column);
+                part.data.push(factor);
+            }
+            part.rows.push(patch);
+            part.indptr.push(i64::try_from(part.data.len()).unwrap_or(i64::MAX));
+        }
+        Self::new(rows.len(), vec![part])
+    }
+}
+
+impl Factors for InMemory {
+    fn patch_count(&self) -> usize {
+        self.patch_count
+    }
+
+    fn run_count(&self) -> usize {
+        self.parts.len()
+    }
+
+    fn run(&self, index: usize) -> Result<Arc<Part>> {
+        Ok(Arc::clone(&self.parts[index]))
+    }
+}
+
+/// A stored matrix. Parts are read again each time, except for the first ones, up to a budget of memory: they are
+/// cached.
+#[derive(Debug)]
+pub struct OutOfCore<'s> {
+    store: &'s Store,
+    budget: u64,
+    cache: Mutex<Cache>,
+}
+
+#[derive(Debug)]
+struct Cache {
+    bytes: u64,
+    parts: Vec<Option<Arc<Part>>>,
+}
+
+/// Parts that the system reads ahead.
+const PARTS_AHEAD: usize = 4;
+
+/// Refuses a matrix in which a patch has no row.
+///
+/// # Errors
+/// [`Error::Incomplete`] when parts are missing, [`Error::Unsupported`] for a matrix of some rows.
+fn require_all_rows(store: &Store) -> Result<()> {
+    store.require_complete()?;
+    let (rows, patches) = (store.manifest().rows_present(), store.patch_count());
+    if rows == u64::from(patches) {
+        return Ok(());
+    }
+    Err(Error::unsupported(
+        store.directory(),
+        format!(
+            "has rows of {rows} patches only, of {patches}; what the others send is not known: compute it without \
+             `--rows`, `--sample-rows`, `--emitters` and `--occluders`"
+        ),
+    ))
+}
+
+impl<'s> OutOfCore<'s> {
+    /// The matrix of a store, with at most `budget` bytes of it cached in memory.
+    ///
+    /// # Errors
+    /// When parts or rows are missing: every patch must have a row.
+    pub fn new(store: &'s Store, budget: u64) -> Result<Self> {
+        require_all_rows(store)?;
+        Ok(Self {
+            store,
+            budget,
+            cache: Mutex::new(Cache {
+                bytes: 0,
+                parts: vec![None; store.manifest().parts.len()],
+            }),
+        })
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {
+        // A slot and a sum that only grow: a panic elsewhere leaves them usable.
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Factors for OutOfCore<'_> {
+    fn patch_count(&self) -> usize {
+        self.store.patch_count() as usize
+    }
+
+    fn run_count(&self) -> usize {
+        self.store.manifest().parts.len()
+    }
+
+    fn run(&self, index: usize) -> Result<Arc<Part>> {
+        if let Some(Some(part)) = self.lock().parts.get(index) {
+            return Ok(Arc::clone(part));
+        }
+        let missing = || Error::malformed(self.store.directory(), format!("has no part at place {index}"));
+        self.store.read_ahead(index.saturating_add(PARTS_AHEAD));
+        let part = self.store.part(index)?.ok_or_else(missing)?;
+        let part = Arc::new(part);
+        let size = (4 + part.data.precision().size() as u64) * part.data.len() as u64 + 64 * part.rows.len() as u64;
+        let mut kept = self.lock();
+        if kept.bytes + size <= self.budget && kept.parts[index].is_none() {
+            kept.bytes += size;
+            kept.parts[index] = Some(Arc::clone(&part));
+        }
+        Ok(part)
+    }
+}
+
+/// Σⱼ Fᵢⱼ xⱼ for one row and all columns of `x`.
+#[inline]
+pub(super) fn row_product(columns: &[i32], factors: FactorSlice<'_>, x: &Block, out: &mut [f64]) {
+    match factors {
+        FactorSlice::Single(factors) => row_product_of(columns, factors, x, out),
+        FactorSlice::Double(factors) => row_product_of(columns, factors, x, out),
+    }
+}
+
+#[inline]
+fn row_product_of<F: Number>(columns: &[i32], factors: &[F], x: &Block, out: &mut [f64]) {
+    match out.len() {
+        1 => fixed::<1>(columns, factors, x, out),
+        3 => fixed::<3>(columns, factors, x, out),
+        8 => fixed::<8>(columns, factors, x, out),
+        _ => {
+            out.fill(0.0);
+            for (&column, &factor) in columns.iter().zip(factors) {
+                let factor: f64 = factor.into();
+                for (sum, value) in out.iter_mut().zip(x.of(column.cast_unsigned() as usize)) {
+                    *sum += factor * value;
+                }
+            }
+        }
+    }
+}
+
+#[inline]
+fn fixed<const N: usize>(columns: &[i32], factors: &[impl Number], x: &Block, out: &mut [f64]) {
+    let mut sums = [0.0; N];
+    let rows = x.values().as_chunks::<N>().0;
+    for (&column, &factor) in columns.iter().zip(factors) {
+        let (factor, values): (f64, _) = (factor.into(), &rows[column.cast_unsigned() as usize]);
+        for lane in 0..N {
+            sums[lane] += factor * values[lane];
+        }
+    }
+    out.copy_from_slice(&sums);
+}
+
+/// F X, by several threads. Each row is one sum in the order of its entries, so the result does not depend on them. Of
+/// [`super::Pairs`], F' X.
+///
+/// # Errors
+/// When a run cannot be read, or a patch has two rows.
+pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Block> {
+    if let Some(weights) = factors.weights() {
+        return pairs::multiply(factors, weights, x, threads);
+    }
+    let columns = x.columns();
+    let mut product = Block::zeros(factors.patch_count(), columns);
+    let run_count = factors.run_count();
+    let next = AtomicUsize::new(0);
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel(2 * threads.max(1));
+        for _ in 0..threads.clamp(1, run_count.max(1)) {
+            let (sender, next) = (sender.clone(), &next);
+            scope.spawn(move || {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= run_count {
+                        break;
+                    }
+                    let result = factors.run(index).map(|part| {
+                        let mut values = vec![0.0; part.rows.len() * columns];
+                        for (row, out) in values.chunks_exact_mut(columns.max(1)).enumerate() {
+                            let (indices, data) = part.row(row);
+                            row_product(indices, data, x, out);
+                        }
+                        (part, values)
+                    });
+                    let failed = result.is_err();
+                    if sender.send(result).is_err() || failed {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        let mut has_row = vec![false; factors.patch_count()];
+        for result in receiver {
+            let (part, values) = result?;
+            for (&patch, value) in part.rows.iter().zip(values.chunks_exact(columns.max(1))) {
+                match has_row.get_mut(patch as usize) {
+                    Some(has_row @ false) => *has_row = true,
+                    _ => {
+                        let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
+                        return Err(Error::malformed(Path::new("the matrix"), reason));
+                    }
+                }
+                product.of_mut(patch as usize).copy_from_slice(value);
+            }
+        }
+        Ok(())
+    })?;
+    Ok(product)
+}
+
+/// Goes through the runs in their order, each read while the one before is worked on.
+pub(super) fn in_order(factors: &dyn Factors, mut visit: impl FnMut(&Part)) -> Result<()> {
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel(1);
+        scope.spawn(move || {
+            for index in 0..factors.run_count() {
+                let part = factors.run(index);
+                let failed = part.is_err();
+                if sender.send(part).is_err() || failed {
+                    break;
+                }
+            }
+        });
+        for part in receiver {
+            visit(&*part?);
+        }
+        Ok(())
+    })
+}
