@@ -189,6 +189,7 @@ fn corrections_are_as_accurate(scenes: &[(&str, &str)], patches: &str) {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn corrections_over_each_are_as_accurate_as_over_the_built_in_backend() {
     corrections_are_as_accurate(&[("city.obj", "city")], "800");
 }

@@ -258,6 +258,7 @@ fn at_equilibrium(scene: &std::path::Path, settings: &str) {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn at_one_temperature_nothing_flows_and_a_furnace_is_white() {
     for settings in ["", "--tolerance 1%"] {
         at_equilibrium(&workspace().join("crates/scene/data/cornell-box.obj"), settings);
@@ -321,6 +322,7 @@ fn adds_up(scene: &std::path::Path, cut: &str) {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn every_row_adds_up() {
     let place = Place::new();
     place.line("generate maze --patches 3000 --seed 7 -o maze.obj");
@@ -621,6 +623,7 @@ fn a_back_that_only_a_part_of_a_patch_sees_is_blocked() {
 /// A field of spheres whose rows see many patches and mostly sky: rays that differ by chance from form factors that
 /// agree with their hemicubes leave them as they are. 0.007 of a ΣF of 0.07 was moved in several rows of a thousand.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn rows_that_agree_with_their_hemicubes_stay_as_they_are() {
     let place = Place::new();
     let mut text = String::new();

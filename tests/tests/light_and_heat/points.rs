@@ -318,6 +318,7 @@ fn reference_rays_find_solid_angles() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn reference_rays_end_by_the_error_asked_or_at_their_bound() {
     let scene = hemicube_scene::obj::read(furnished().as_bytes(), None, Default::default());
     let model = hemicube_tests::scenes::model(scene.expect("a room"), Subdivision::Levels(1));
@@ -734,6 +735,7 @@ fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn one_point_of_a_city_is_a_small_file_and_within_the_tolerance_by_rays() {
     let Some(folder) = scenes_or_skip("points") else {
         return;

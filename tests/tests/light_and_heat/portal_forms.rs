@@ -415,6 +415,7 @@ fn heat_between_spheres(pieces: u32, optics: &str) -> f64 {
 /// An outer sphere that reflects diffusely lets 1 / (1/ε₁ + A₁/A₂ (1/ε₂ − 1)) = 4/9 through, a mirror
 /// 1 / (1/ε₁ + 1/ε₂ − 1) = 1/3 (Siegel & Howell 2002): facets converge to it.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn heat_between_spheres_is_that_of_diffuse_and_of_specular_ones() {
     near(heat_between_spheres(4, ""), 4.0 / 9.0, 0.01);
     let off: Vec<f64> = [2, 4, 8]

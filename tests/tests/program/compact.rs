@@ -221,6 +221,7 @@ fn a_tolerance_and_what_is_kept_are_held_against_each_other() {
 
 /// At a million patches, what is kept follows from their number, whichever rows are computed, and is said.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn a_large_matrix_is_kept_small_unless_all_of_it_is_asked_for() {
     let place = tempfile::tempdir().expect("a temporary directory");
     run(&place, "generate block-city --patches 1000000 -o city.obj", 0);

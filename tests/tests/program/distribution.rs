@@ -119,6 +119,7 @@ fn the_tree_works_from_wherever_it_is_put() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn the_same_files_make_the_same_archive() {
     let place = TempDir::new().expect("a folder");
     let [first, second] = ["a", "b"].map(|name| laid_out(&place.path().join(name)).1);

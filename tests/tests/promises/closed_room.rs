@@ -119,6 +119,7 @@ fn turned_by_an_irrational_angle() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn ten_million_units_from_the_origin() {
     // In units of the room's size, not of the millimetre.
     let offset = DVec3::new(1.0, -0.7, 0.3) * 1e7;
@@ -128,6 +129,7 @@ fn ten_million_units_from_the_origin() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn a_million_times_smaller_and_larger() {
     holds("scaled by a millionth", |p| p * 1e-6);
     holds("scaled by a million", |p| p * 1e6);

@@ -133,6 +133,7 @@ fn spheres() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn soup() {
     both_hold("soup", &generated(Kind::Soup, 3_000));
 }

@@ -165,6 +165,7 @@ fn plates_a_millionth_apart() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn common_edges_at_any_angle() {
     let mut tally = Tally::default();
     for degrees in [0.1, 1.0, 20.0, 90.0, 160.0, 179.0, 179.9] {
@@ -505,6 +506,7 @@ fn bounds_off(scene: &Scene, (finest, tolerance): (&Factors, f64)) -> Vec<f64> {
 /// Four boxes on and beside each other. Three edges pass each other on a curve, which cuts off a corner of a cell with
 /// none of its points: pairs were up to 4.3 bounds off.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn edges_that_pass_each_other_on_a_curve_keep_a_millionth() {
     let scene = room_with(&[
         [[4.01, 1.102, 0.0], [0.76, 0.945, 1.15]],
@@ -520,6 +522,7 @@ fn edges_that_pass_each_other_on_a_curve_keep_a_millionth() {
 /// Plates a hundredth high, and one as thin: a wide patch at a grazing angle sends and receives nearly all at its far
 /// end, and few rays are drawn there. All that were agreed, and factors were 31 and 72 bounds off.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn grazing_plates_keep_their_tolerance() {
     let rooms: [[Block; 3]; 2] = [
         [

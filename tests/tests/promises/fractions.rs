@@ -138,6 +138,7 @@ fn fractions_are_those_of_weights() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn fractions_of_real_scenes_are_those_of_weights() {
     let Some(folder) = scenes_or_skip("fractions::fractions_of_real_scenes_are_those_of_weights") else {
         return;

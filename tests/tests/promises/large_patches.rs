@@ -130,6 +130,7 @@ fn a_ground_of_two_triangles() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn the_grounds_of_a_real_city() {
     let Some(folder) = scenes_or_skip("the_grounds_of_a_real_city") else {
         return;

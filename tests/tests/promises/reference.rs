@@ -65,6 +65,7 @@ fn rows_close() {
 
 /// Two triangles of 889,438 m² under a city, with tens of thousands of small patches in view.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn a_huge_emitter_ends() {
     let Some(folder) = scenes_or_skip("a_huge_emitter_ends") else {
         return;

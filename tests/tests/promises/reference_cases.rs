@@ -414,6 +414,7 @@ fn enclosures_with_flat_faces() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn enclosures_with_curved_faces() {
     let Some(cases) = cases("reference_cases::enclosures_with_curved_faces") else {
         return;

@@ -287,6 +287,7 @@ fn nothing_passes_a_closed_surface_where_each_pair_is_measured() {
 
 /// The engines of the built-in backend, and each plugin with a device.
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn nothing_passes_a_closed_surface_whatever_renders() {
     let engines = ["depth", "order", "claims"].map(|engine| ("wrapped-cpu", vec![format!("engine={engine}")]));
     let devices = ["gl", "vulkan", "wgpu"].map(|name| (name, Vec::new()));

@@ -374,6 +374,7 @@ fn the_inside_of_a_sphere() {
 }
 
 #[test]
+#[ignore = "half a minute of processor time and more: ./test --full"]
 fn discs() {
     let Some(cases) = cases("tolerance::discs") else {
         return;
