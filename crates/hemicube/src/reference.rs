@@ -20,7 +20,8 @@
 //!
 //! Visibility is that of backends ([`crate::backend`]): never the emitter's own surface, nor anything in or below its
 //! plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided surface occludes, and loses
-//! to any patch in its own plane. Rays are traced through a hierarchy with f32 boxes, widened by more than their
+//! to any patch in its own plane. What rests on a closed surface sees nothing of its inside, as for rows: by coordinates alone,
+//! either may be in front. Rays are traced through a hierarchy with f32 boxes, widened by more than their
 //! rounding, and meet triangles in f64.
 //!
 //! Rows through mirrors, panes and images of a cell are those of [`Reference::with_portals`].
@@ -42,6 +43,7 @@ pub use measure::{EstimatedRow, Interval, Measured, errors_against};
 pub use sensors::{PointReference, PointReferenceRow};
 
 use crate::Model;
+use crate::visibility::spaces::Spaces;
 use facing::Facing;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
@@ -49,7 +51,7 @@ use hemicube_spatial::whole;
 use hemisphere::{Hemisphere, Missing};
 use pair::{BATCHES, Pair};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use visibility::{Met, Occluders, Sight};
 
 /// Raised whenever the same settings give other rows: rows kept in files are of one version.
@@ -250,6 +252,7 @@ impl Scratch {
 pub struct Reference<'m> {
     model: &'m Model,
     occluders: Occluders,
+    spaces: Arc<Spaces>,
     settings: ReferenceSettings,
     through: Option<portals::Through>,
     cancel: Option<&'m AtomicBool>,
@@ -290,6 +293,7 @@ impl<'m> Reference<'m> {
         Ok(Self {
             model,
             occluders: Occluders::new(model),
+            spaces: Spaces::of(model),
             settings,
             through: None,
             cancel: None,
@@ -508,10 +512,11 @@ impl<'m> Reference<'m> {
     /// it is the target's.
     fn find(&self, sight: &Sight, Scratch { hemisphere, facing }: &mut Scratch) -> (f64, bool) {
         let ReferenceSettings { target, seed, .. } = self.settings;
-        facing.find(self.model, sight);
+        let is_apart = |patch: u32| self.spaces.separate(sight.patch, patch);
+        facing.find(self.model, sight, is_apart);
         hemisphere.begin();
         loop {
-            hemisphere.round(&self.occluders, sight, seed);
+            hemisphere.round(&self.occluders, sight, seed, is_apart);
             if self.is_cancelled() {
                 return (f64::INFINITY, false);
             }

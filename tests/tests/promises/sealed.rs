@@ -4,8 +4,9 @@
 //! that share a wall, vessels with shields, hanging nodes; with plates whose centroids lie in the planes of hidden faces.
 
 use glam::DVec3;
-use hemicube::Model;
 use hemicube::backend::{BackendError, HemicubeBackend};
+use hemicube::reference::{Reference, ReferenceSettings};
+use hemicube::{InputPatch, Model};
 use hemicube_scene::Subdivision;
 use hemicube_tests::devices::is_there;
 use hemicube_tests::geometry::{
@@ -336,6 +337,44 @@ fn what_touches_the_walls_of_a_room_stays_in_sight() {
                 "{way}: the table's side {i} sees {sum} of its room"
             );
         }
+    }
+}
+
+/// A box of two-sided surfaces that stands on a slab of them, its floor in the plane of the slab's top: by coordinates alone
+/// either may be above the other. The box's floor sees nothing of the slab's inside, and the reference says so too.
+#[test]
+fn what_rests_on_a_closed_body_sees_nothing_of_its_inside() {
+    let body = |low: DVec3, size: DVec3, [inside, outside]: [u32; 2]| {
+        let faces = cut(box_outside(low, size), 1);
+        faces
+            .into_iter()
+            .map(move |corners| (corners, outside, Some(inside)))
+            .collect::<Vec<Sided>>()
+    };
+    let slab = body(DVec3::ZERO, DVec3::new(3.0, 3.0, 0.2), [1, 0]);
+    let box_on_it = body(DVec3::new(1.0, 1.0, 0.2), DVec3::new(1.0, 0.7, 0.5), [2, 0]);
+    let scene = [slab, box_on_it].concat();
+    let kept = Kept::new("box on a slab", &scene, |p| p);
+    let under = |i: usize| {
+        let z = scene[i / 2].0.map(|p| p.z);
+        i / 2 >= 12 && i % 2 == 0 && z.iter().all(|&z| z == 0.2)
+    };
+    let floors: Vec<usize> = (0..kept.space.len()).filter(|&i| under(i)).collect();
+    assert_eq!(floors.len(), 2);
+    let settings = ReferenceSettings::default();
+    let reference = Reference::new(&kept.model, settings).expect("settings in range");
+    for (level, rung) in levels(&kept.model) {
+        let found = factors(&kept.model, rung).expect("a matrix");
+        assert_eq!(kept.leaks(&found), Vec::<String>::new(), "{level}");
+        for &i in &floors {
+            assert!(found.rows[i].is_empty(), "{level}: {:?}", found.rows[i]);
+        }
+    }
+    for i in floors {
+        let row = reference
+            .row(InputPatch(u32::try_from(i).expect("few patches")))
+            .expect("a patch");
+        assert!(row.values.is_empty() && row.blocked > 0.999, "{row:?}");
     }
 }
 

@@ -88,7 +88,7 @@ const FINEST_OF_RAYS: f64 = 0.99e-5;
 const MANY: usize = 4096;
 /// Part of the tolerance that the sample's rows may have, for the sake of the others. A choice: with less, rows cost more;
 /// with more, fewer scenes keep the tolerance (`scoreboard board`, and `accuracy calibration`).
-const AIM: f64 = 0.85;
+const AIM: f64 = 0.9;
 /// Bound of the steps of the rows done; and the same in bounds of a row: the larger counts. About ten seconds of one
 /// thread. Choices.
 const BOUND: u64 = 6_000_000_000;

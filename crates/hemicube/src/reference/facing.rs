@@ -23,13 +23,18 @@ pub(super) struct Facing {
 }
 
 impl Facing {
-    pub(super) fn find(&mut self, model: &Model, emitter: &Sight) {
+    /// `is_apart` tells patches that a closed surface keeps from the emitter: they have no bound.
+    pub(super) fn find(&mut self, model: &Model, emitter: &Sight, is_apart: impl Fn(u32) -> bool) {
         let tolerance = model.geometry().plane_tolerance;
         let sphere = Sphere::of(&emitter.corners);
         self.bounds.clear();
         self.patches.clear();
         for patch in 0..model.geometry().patch_count {
-            let bound = bound(emitter, &sphere, &model.normalised_corners(patch), tolerance);
+            let bound = if is_apart(patch) {
+                0.0
+            } else {
+                bound(emitter, &sphere, &model.normalised_corners(patch), tolerance)
+            };
             self.bounds.push(bound);
             if bound > 0.0 {
                 self.patches.push(patch);
@@ -111,7 +116,7 @@ mod tests {
         let (mut seen, mut tight) = (0, 0);
         for patch in (0..model.geometry().patch_count).step_by(23) {
             let emitter = Sight::new(&model, InputPatch(patch)).expect("an area");
-            facing.find(&model, &emitter);
+            facing.find(&model, &emitter, |_| false);
             for other in 0..model.geometry().patch_count {
                 let (bound, corners) = (facing.bound(other), model.normalised_corners(other));
                 let factor = exchange(&emitter.corners, &corners, &rule) / emitter.area;

@@ -80,8 +80,9 @@ impl Hemisphere {
         self.differing = [0; 3];
     }
 
-    /// Casts a round of rays from an emitter.
-    pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64) {
+    /// Casts a round of rays from an emitter. `is_apart` tells patches that a closed surface keeps from it: a ray that meets
+    /// one began on that surface, in contact with it, and is blocked there.
+    pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64, is_apart: impl Fn(u32) -> bool) {
         let round = self.rays / ROUND;
         each_stratum(emitter, [seed, u64::MAX, round], |stratum, origin, direction| {
             self.met[stratum as usize] = match occluders.first_counted(emitter, origin, direction, &mut self.tests) {
@@ -90,6 +91,10 @@ impl Hemisphere {
                     Share::Escaped
                 }
                 Met::Back => {
+                    self.blocked += 1;
+                    Share::Blocked
+                }
+                Met::Patch(patch) if is_apart(patch) => {
                     self.blocked += 1;
                     Share::Blocked
                 }
