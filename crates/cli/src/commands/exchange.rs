@@ -36,6 +36,7 @@ const EXAMPLES: &str = "  \
 /// Find what surfaces exchange: Gebhart factors, total exchange areas (script F), conductances, resistances
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
+#[command(mut_arg("overwrite", |overwrite| overwrite.requires("output")))]
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) matrix: StoredMatrix,
