@@ -122,7 +122,8 @@ pub(crate) struct EngineSettings {
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
     /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims,
-    /// which gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches
+    /// which gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches. Sky,
+    /// points and pictures are by depth
     #[arg(
         long,
         value_name = "auto|depth|order|claims",

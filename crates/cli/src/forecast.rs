@@ -10,6 +10,9 @@
 //!
 //! `docs/store.md` compares this with measured runs.
 
+use crate::exit::hinted;
+use crate::report::size;
+use anyhow::{Result, anyhow};
 use hemicube::driver::room;
 use hemicube::store::Form;
 use hemicube_spatial::whole;
@@ -58,6 +61,22 @@ pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
     }
 }
 
+/// Refuses what would take more memory than there is, before it is taken: `what` takes `bytes`, and `next` takes less.
+///
+/// # Errors
+/// When `asked`, or else the free memory of the machine and the process, is less.
+pub(crate) fn require(bytes: u64, asked: Option<u64>, what: &str, next: &str) -> Result<()> {
+    let Some(limit) = memory_limit(asked).filter(|&limit| limit < bytes) else {
+        return Ok(());
+    };
+    let of = if asked.is_some() {
+        format!("`--memory` is {}", size(limit))
+    } else {
+        format!("{} of memory are free", size(limit))
+    };
+    Err(hinted(anyhow!("{what} takes {}, and {of}", size(bytes)), next))
+}
+
 /// Bytes of rows on the disk, within some percent.
 pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
     let entry = match form {
@@ -92,6 +111,14 @@ mod tests {
         assert_eq!(threads_within(of(7) - 1, 500_000_000, 16, ROWS), Some(6));
         assert_eq!(threads_within(u64::MAX, 500_000_000, 16, ROWS), Some(16));
         assert_eq!(threads_within(of(1) - 1, 500_000_000, 16, ROWS), None);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_both_sizes() {
+        let asked = |bytes| require(bytes, Some(1_000_000), "a picture", "`--size` makes a smaller one");
+        assert!(asked(1_000_000).is_ok());
+        let error = asked(2_000_000).expect_err("twice the limit").to_string();
+        assert_eq!(error, "a picture takes 2.00 MB, and `--memory` is 1.00 MB");
     }
 
     #[test]

@@ -487,7 +487,9 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
     let tolerance = arguments.render.tolerance.map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
-    let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
+    let portals = arguments
+        .portals
+        .portals(&mut prepared, hierarchy, tolerance, arguments.patches.memory)?;
     let further = arguments
         .portals
         .of_further_bands(&portals, &prepared, tolerance, outputs.len())?;

@@ -288,9 +288,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let hierarchy = arguments.engine.hierarchy();
     let portals = match &store {
         Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
-        None => arguments
-            .portals
-            .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
+        None => {
+            arguments
+                .portals
+                .of_one_band(&mut prepared, hierarchy, arguments.tolerance, arguments.patches.memory)?
+        }
     };
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;

@@ -447,9 +447,14 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
             format!("`--csv {}` writes a table", path.display()),
         ));
     }
-    let alone = [("--points", &arguments.points), ("--suns", &arguments.suns)];
-    for (option, file) in alone {
-        if file.is_some() && output.is_none() {
+    let asked = [
+        ("--points", arguments.points.is_some()),
+        ("--suns", arguments.suns.is_some()),
+        ("--division", arguments.division != Division(1)),
+        ("--north", arguments.north != 0.0),
+    ];
+    for (option, is_asked) in asked {
+        if is_asked && output.is_none() {
             return Err(hinted(
                 anyhow!("the table of `--csv` has no place for what `{option}` asks for"),
                 "name a directory for it, with `-o`",

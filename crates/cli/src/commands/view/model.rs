@@ -131,6 +131,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         &values,
         &arguments.camera,
         specular.as_ref(),
+        None,
         &arguments.output,
     )?;
     let backs = prepared
