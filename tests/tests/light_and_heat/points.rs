@@ -846,7 +846,14 @@ fn solid_box(name: &str, [low, high]: [[f64; 3]; 2], before: usize, inwards: boo
             writeln!(text, "v {x} {y} {z}").expect("a string");
         }
     }
-    let faces = [[1, 2, 6, 5], [2, 3, 7, 6], [3, 4, 8, 7], [4, 1, 5, 8], [5, 6, 7, 8], [4, 3, 2, 1]];
+    let faces = [
+        [1, 2, 6, 5],
+        [2, 3, 7, 6],
+        [3, 4, 8, 7],
+        [4, 1, 5, 8],
+        [5, 6, 7, 8],
+        [4, 3, 2, 1],
+    ];
     for mut face in faces.map(|face| face.map(|corner: usize| corner + before)) {
         if inwards {
             face.reverse();
@@ -878,7 +885,10 @@ fn points_within_solids_that_stand_on_one_another_are_in_solid() {
         let grid = rows(&place, "stack.obj --up z --grid 1 --height 1");
         assert_eq!(grid.len(), 375, "{name}");
         let listed = rows(&place, "stack.obj --up z --points points.txt");
-        let places: Vec<&str> = listed.iter().map(|row| row["place"].as_str().expect("a place")).collect();
+        let places: Vec<&str> = listed
+            .iter()
+            .map(|row| row["place"].as_str().expect("a place"))
+            .collect();
         assert_eq!(places, ["in-solid", "open"], "{name}");
     }
     // Rooms on one another have floors and ceilings back to back, too, and their points are in the open.
@@ -908,12 +918,15 @@ fn a_ground_at_the_temperature_of_the_sky_is_said_with_the_degrees_that_it_matte
     let known = place.line(&format!("{line} --ground-temperature 300 -o q.json")).is(0);
     let degrees = format!("by up to {:+.1} K", of("q.json") - of("p.json"));
     assert!(of("q.json") - of("p.json") > 5.0);
-    let ran = ran.says(&["is taken to be at the sky's 250.0 K", "at 300.0 K", &degrees, "--ground-temperature"]);
+    let ran = ran.says(&[
+        "is taken to be at the sky's 250.0 K",
+        "at 300.0 K",
+        &degrees,
+        "--ground-temperature",
+    ]);
     assert!(!known.err.contains("below the horizon, up to"), "{}", known.err);
     // Where it matters less than anybody measures, nothing is said.
-    let near = place
-        .line(&line.replace("250", "299.99"))
-        .is(0);
+    let near = place.line(&line.replace("250", "299.99")).is(0);
     assert!(!near.err.contains("is taken to be at"), "{} {}", near.err, ran.err);
 }
 
@@ -928,7 +941,8 @@ fn a_picture_of_cubes_has_all_six_sides() {
         assert!(text.contains(&format!(">{side}<")), "{side} is not in the picture");
     }
     // The open side is the one that sees the sky: in the east, brightest; in the west, dark.
-    let rows: Value = serde_json::from_str(&std::fs::read_to_string(place.path("p.json")).expect("rows")).expect("JSON");
+    let rows: Value =
+        serde_json::from_str(&std::fs::read_to_string(place.path("p.json")).expect("rows")).expect("JSON");
     let sky = |side: usize| number(&rows["rows"][side]["sky"]);
     assert!(sky(0) > 0.0 && sky(2) == 0.0, "{} {}", sky(0), sky(2));
 }

@@ -37,7 +37,9 @@ fn the_sky_settles_with_the_ground_below_it() {
 fn rows_of_the_sky_that_do_not_settle_end_with_1() {
     let place = Place::new();
     place.write("walls.obj", WALLS);
-    let ran = place.line("sky walls.obj --up z --csv t.csv --tolerance 0.001% --json").is(1);
+    let ran = place
+        .line("sky walls.obj --up z --csv t.csv --tolerance 0.001% --json")
+        .is(1);
     assert!(ran.json()["unsettled"].as_u64().is_some_and(|rows| rows > 0));
     ran.says(&["still changed by more than", "an error may be greater"]);
 }

@@ -572,7 +572,9 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
 fn what_copies_hold_and_cost_is_bounded_before_it_is_taken() {
     let place = Place::new();
     let part = |inside: &str| {
-        format!("*PART,NAME=P\n*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT,TYPE=S3,ELSET=S\n1,1,2,3\n{inside}*END PART\n")
+        format!(
+            "*PART,NAME=P\n*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT,TYPE=S3,ELSET=S\n1,1,2,3\n{inside}*END PART\n"
+        )
     };
     let instances: String = (0..20_000)
         .map(|n| format!("*INSTANCE,NAME=I{n},PART=P\n*END INSTANCE\n"))
@@ -580,9 +582,21 @@ fn what_copies_hold_and_cost_is_bounded_before_it_is_taken() {
     let assembly = |part: String| format!("{part}*ASSEMBLY,NAME=A\n{instances}*END ASSEMBLY\n");
     let nodes: String = (4..50_004).map(|n| format!("{n},{},0,0\n", n % 7)).collect();
     let many = |of: &dyn Fn(usize) -> String| (0..20_000).map(of).collect::<String>();
-    write(&place, "long.inp", assembly(part("").replace("ELSET=S", &format!("ELSET={}", "N".repeat(70_000)))));
-    write(&place, "nodes.inp", assembly(part("").replace("*ELEMENT", &format!("{nodes}*ELEMENT"))));
-    write(&place, "surfaces.inp", assembly(part(&many(&|n| format!("*SURFACE,NAME=F{n}\nS,SPOS\n")))));
+    write(
+        &place,
+        "long.inp",
+        assembly(part("").replace("ELSET=S", &format!("ELSET={}", "N".repeat(70_000)))),
+    );
+    write(
+        &place,
+        "nodes.inp",
+        assembly(part("").replace("*ELEMENT", &format!("{nodes}*ELEMENT"))),
+    );
+    write(
+        &place,
+        "surfaces.inp",
+        assembly(part(&many(&|n| format!("*SURFACE,NAME=F{n}\nS,SPOS\n")))),
+    );
     write(
         &place,
         "sections.inp",
@@ -594,7 +608,11 @@ fn what_copies_hold_and_cost_is_bounded_before_it_is_taken() {
         "*NODE,NSET=A\n1,0,0,0\n*NODE,NSET=B\n2,1,0,0\n*NFILL\nA,B,4000000000,0\n*ELEMENT,TYPE=S3\n1,1,2,2\n",
     );
     let generated = "*NGEN\n1,1000001,1\n".repeat(100);
-    write(&place, "generated.inp", format!("*NODE\n1,0,0,0\n1000001,1,0,0\n{generated}"));
+    write(
+        &place,
+        "generated.inp",
+        format!("*NODE\n1,0,0,0\n1000001,1,0,0\n{generated}"),
+    );
     let attributes: String = (0..100_000).map(|n| format!(" a{n}='1'")).collect();
     write(&place, "attributes.gbxml", format!("<gbXML{attributes}></gbXML>"));
     let template = json!({ "type": "MultiSurface", "lod": "1", "boundaries": vec![json!([]); 200_000] });
@@ -619,11 +637,12 @@ fn what_copies_hold_and_cost_is_bounded_before_it_is_taken() {
         ("shared.vtu", "bytes by copies"),
     ] {
         // Kilobytes of address space, and seconds of the processor.
-        let script = format!(
-            "ulimit -v 2500000; ulimit -t 40; exec \"$0\" inspect {name}",
-        );
+        let script = format!("ulimit -v 2500000; ulimit -t 40; exec \"$0\" inspect {name}",);
         let mut command = Command::new("bash");
-        command.args(["-c", &script]).arg(program()).current_dir(place.path("."));
+        command
+            .args(["-c", &script])
+            .arg(program())
+            .current_dir(place.path("."));
         let ran = Ran::from(command.output().expect("bash runs"));
         assert_eq!(ran.code, Some(2), "{name}: {}", ran.err);
         assert!(ran.err.contains(says), "{name}: {}", ran.err);
@@ -635,7 +654,12 @@ fn shared_arrays(pieces: usize, triangles: u32) -> Vec<u8> {
     let mut points = Vec::new();
     for k in 0..triangles {
         let x = f32::from(u16::try_from(k % 1000).expect("less than a thousand"));
-        points.extend([[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0f32]].as_flattened().iter().flat_map(|c| c.to_le_bytes()));
+        points.extend(
+            [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0f32]]
+                .as_flattened()
+                .iter()
+                .flat_map(|c| c.to_le_bytes()),
+        );
     }
     let corners: Vec<u8> = (0..3 * triangles).flat_map(u32::to_le_bytes).collect();
     let ends: Vec<u8> = (1..=triangles).flat_map(|k| (3 * k).to_le_bytes()).collect();
@@ -655,7 +679,8 @@ fn shared_arrays(pieces: usize, triangles: u32) -> Vec<u8> {
         array("type='Int32' Name='offsets'", at[2]),
         array("type='UInt8' Name='types'", at[3]),
     );
-    let mut file = b"<VTKFile type='UnstructuredGrid' version='0.1' byte_order='LittleEndian'><UnstructuredGrid>".to_vec();
+    let mut file =
+        b"<VTKFile type='UnstructuredGrid' version='0.1' byte_order='LittleEndian'><UnstructuredGrid>".to_vec();
     file.extend(piece.repeat(pieces).into_bytes());
     file.extend(b"</UnstructuredGrid><AppendedData encoding='raw'>_");
     file.extend(data);
