@@ -164,7 +164,8 @@ pub(crate) struct Arguments {
     /// Write the solution to FILE too: .npz or .csv (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
-    /// Show heat, flux and temperature by surface [default with `--surfaces`: object; with `--network`: its own]
+    /// Show heat, flux and temperature by surface [default where properties are of objects, or with `--surfaces`: object;
+    /// with `--network`: its own]
     #[arg(
         long,
         value_name = "object|material|face",

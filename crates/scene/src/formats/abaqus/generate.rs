@@ -50,8 +50,10 @@ pub(super) struct Places {
 
 impl Places {
     fn of(&mut self, numbers: &[u32], number: u32) -> Option<usize> {
-        for (at, &number) in (0_u32..).zip(numbers).skip(self.known) {
-            self.of.insert(number, at);
+        // Only the new ones are looked at: to skip those before would take time by their square.
+        let new = numbers.get(self.known..).unwrap_or_default();
+        for (at, &number) in (self.known..).zip(new) {
+            self.of.insert(number, narrow(at));
         }
         self.known = numbers.len();
         self.of.get(&number).map(|&at| at as usize)

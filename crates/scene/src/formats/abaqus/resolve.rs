@@ -100,6 +100,8 @@ fn too_many() -> Error {
     ))
 }
 
+/// Bytes of a name beside its text, in tables and as an object.
+const NAME: u64 = 96;
 /// Bytes of a node of an instance, with the table of the numbers of its part's.
 const NODE: u64 = 24;
 
@@ -222,7 +224,7 @@ impl Resolver {
     fn named(&mut self, instance: u32, name: &str) -> Result<String, Error> {
         let prefix = self.model.instances.get(instance as usize);
         let prefix = prefix.map_or(0, |instance| instance.name.len());
-        self.bounds.copied((name.len() + prefix) as u64)?;
+        self.bounds.copied(NAME + (name.len() + prefix) as u64)?;
         Ok(match self.model.instances.get(instance as usize) {
             Some(instance) if !instance.name.is_empty() && self.model.instances.len() > 2 => {
                 format!("{}.{name}", instance.name)
