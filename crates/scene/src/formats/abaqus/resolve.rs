@@ -181,8 +181,9 @@ impl Resolver {
                     pending.extend(pool.as_chunks::<2>().0.iter().map(inner));
                 }
             }
-            steps += STEPS_A_COPY as usize + (cells.len() + pending.len()).saturating_sub(before);
-            self.bounds.steps(std::mem::take(&mut steps) as u64).map_err(|_| {
+            steps += (cells.len() + pending.len()).saturating_sub(before);
+            let spent = STEPS_A_COPY + std::mem::take(&mut steps) as u64;
+            self.bounds.steps(spent).map_err(|_| {
                 Error::new(ErrorKind::TooLarge(
                     "sets of elements that hold each other take too long to be resolved; list their elements once"
                         .to_owned(),
