@@ -138,7 +138,9 @@ pub(crate) struct EngineSettings {
     /// Patches up to which a node of the octree is not divided. Rows are the same
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = min_patches, hide_short_help = true)]
     pub(crate) min_patches: Auto,
-    /// Worker threads; 0: one for each core. Results are the same
+    /// Worker threads; 0: one for each core
+    ///
+    /// Results are the same.
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
 }
@@ -243,7 +245,9 @@ pub(crate) struct StoredMatrix {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// Worker threads; 0: one for each core. Results are the same
+    /// Worker threads; 0: one for each core
+    ///
+    /// Results are the same.
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
     /// Replace files that are there

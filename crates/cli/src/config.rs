@@ -195,7 +195,7 @@ impl Layers {
         layers.exclude(matches)?;
         for (of, name, asks) in CHOOSES {
             let is_asked = |asks: &&str| is_given(matches, asks) || layers.0.contains_key(*asks);
-            if of == command.get_name() && is_given(matches, name) && !asks.iter().any(|asks| is_asked(asks)) {
+            if of == command.get_name() && is_given(matches, name) && !asks.iter().any(is_asked) {
                 bail!(
                     "`--{name}` chooses among the rows of `--{}`, and none of these is given",
                     asks.join("` or `--")
