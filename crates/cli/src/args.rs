@@ -122,7 +122,8 @@ pub(crate) struct EngineSettings {
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
     /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims,
-    /// which gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches
+    /// which gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches. Sky,
+    /// points and pictures are by depth
     #[arg(
         long,
         value_name = "auto|depth|order|claims",
@@ -131,13 +132,15 @@ pub(crate) struct EngineSettings {
         hide_short_help = true
     )]
     pub(crate) engine: Engine,
-    /// Deepest level of the octree, up to 21
+    /// Deepest level of the octree, up to 21. Rows are the same
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = octree_levels, hide_short_help = true)]
     pub(crate) octree_levels: Auto,
-    /// Patches up to which a node of the octree is not divided
+    /// Patches up to which a node of the octree is not divided. Rows are the same
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = min_patches, hide_short_help = true)]
     pub(crate) min_patches: Auto,
     /// Worker threads; 0: one for each core
+    ///
+    /// Results are the same.
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
 }
@@ -231,7 +234,7 @@ pub(crate) struct Report {
     /// Report as JSON, to standard output or to FILE
     #[arg(long, value_name = "FILE|-", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
     pub(crate) json: Option<PathBuf>,
-    /// Leave times and memory out of the report, so that equal runs report equally
+    /// Leave times and memory out of the report, where it has them, so that equal runs report equally
     #[arg(long, requires = "json", hide_short_help = true)]
     pub(crate) no_timings: bool,
 }
@@ -243,6 +246,8 @@ pub(crate) struct StoredMatrix {
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
     /// Worker threads; 0: one for each core
+    ///
+    /// Results are the same.
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
     /// Replace files that are there

@@ -64,6 +64,10 @@ pub(crate) const EXCLUSIVE: [&[&str]; 5] = [
     &["resolution", "tolerance"],
 ];
 
+/// Options of the command line that choose among what others ask for: without any of these they do nothing. In files
+/// they stand ready for other runs.
+const CHOOSES: [(&str, &str, [&str; 2]); 1] = [("compute", "seed", ["sample-rows", "verify"])];
+
 /// Values compatible with their group: a tolerance is of the area rung, and chooses the pixels.
 const AGREES: [(&str, &str); 2] = [("correction", "area"), ("resolution", "auto")];
 
@@ -189,6 +193,15 @@ impl Layers {
             layered.check(command, name)?;
         }
         layers.exclude(matches)?;
+        for (of, name, asks) in CHOOSES {
+            let is_asked = |asks: &&str| is_given(matches, asks) || layers.0.contains_key(*asks);
+            if of == command.get_name() && is_given(matches, name) && !asks.iter().any(is_asked) {
+                bail!(
+                    "`--{name}` chooses among the rows of `--{}`, and none of these is given",
+                    asks.join("` or `--")
+                );
+            }
+        }
         Ok(layers)
     }
 

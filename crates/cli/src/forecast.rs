@@ -10,6 +10,10 @@
 //!
 //! `docs/store.md` compares this with measured runs.
 
+use crate::exit::hinted;
+use crate::report::size;
+use anyhow::{Result, anyhow};
+use hemicube::driver::compute::Summary;
 use hemicube::driver::room;
 use hemicube::store::Form;
 use hemicube_spatial::whole;
@@ -26,12 +30,26 @@ const BATCHES: f64 = 8.0;
 /// Bytes of an entry in progress: in the backend's rows, and as column and factor.
 const ENTRY: f64 = 20.0;
 
+/// Steps of a hemicube, of a triangle transformed into its frame, and of a triangle drawn on a face. Measured.
+const STEPS_A_HEMICUBE: u64 = 100_000;
+const STEPS_A_TRANSFORMED: u64 = 40;
+const STEPS_A_DRAWN: u64 = 60;
 /// Size of rows, for a forecast.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rows {
     pub(crate) entries_per_row: f64,
     pub(crate) rows_per_part: u32,
     pub(crate) rows_per_batch: u32,
+}
+
+/// Work of computed rows in steps of about a nanosecond, counted and not timed: that of their closed forms and visible
+/// fractions, and of their hemicubes' triangles.
+pub(crate) fn steps(found: &Summary) -> u64 {
+    let counters = &found.counters;
+    found.steps
+        + counters.hemicubes * STEPS_A_HEMICUBE
+        + counters.triangles_transformed * STEPS_A_TRANSFORMED
+        + counters.triangles_drawn * STEPS_A_DRAWN
 }
 
 /// Upper bound of a run's bytes, from those resident before its first row.
@@ -56,6 +74,22 @@ pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
         Some(asked) => Some(room::address_space().map_or(asked, |most| most.min(asked))),
         None => room::free_memory(),
     }
+}
+
+/// Refuses what would take more memory than there is, before it is taken: `what` takes `bytes`, and `next` takes less.
+///
+/// # Errors
+/// When `asked`, or else the free memory of the machine and the process, is less.
+pub(crate) fn require(bytes: u64, asked: Option<u64>, what: &str, next: &str) -> Result<()> {
+    let Some(limit) = memory_limit(asked).filter(|&limit| limit < bytes) else {
+        return Ok(());
+    };
+    let of = if asked.is_some() {
+        format!("`--memory` is {}", size(limit))
+    } else {
+        format!("{} of memory are free", size(limit))
+    };
+    Err(hinted(anyhow!("{what} takes {}, and {of}", size(bytes)), next))
 }
 
 /// Bytes of rows on the disk, within some percent.
@@ -92,6 +126,14 @@ mod tests {
         assert_eq!(threads_within(of(7) - 1, 500_000_000, 16, ROWS), Some(6));
         assert_eq!(threads_within(u64::MAX, 500_000_000, 16, ROWS), Some(16));
         assert_eq!(threads_within(of(1) - 1, 500_000_000, 16, ROWS), None);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_both_sizes() {
+        let asked = |bytes| require(bytes, Some(1_000_000), "a picture", "`--size` makes a smaller one");
+        assert!(asked(1_000_000).is_ok());
+        let error = asked(2_000_000).expect_err("twice the limit").to_string();
+        assert_eq!(error, "a picture takes 2.00 MB, and `--memory` is 1.00 MB");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Portals of a run: mirrors and panes from a TOML file, planes of symmetry, sectors and periods from the command line.
 
+use crate::forecast;
 use crate::prepare::Prepared;
 use crate::toml_file;
 use anyhow::{Context, Result, anyhow, bail};
@@ -9,6 +10,9 @@ use hemicube::driver::glazing::{Glazing, laws_of_scene};
 use hemicube::portal::{ImageError, ImageSettings, Images, Period, Portals, Sector, Specular, Symmetry};
 use hemicube_scene::{Axis, ReadOptions};
 use std::path::{Path, PathBuf};
+
+/// Bytes of a surface of a cell's images with its tree: 9 GB for the most there may be.
+const IMAGE_BYTES: u64 = 1_070;
 
 /// Mirrors, panes, symmetry and periods
 #[derive(Args, Clone, Debug)]
@@ -143,11 +147,12 @@ impl PortalSettings {
         prepared: &mut Prepared,
         hierarchy: HierarchyOptions,
         tolerance: Option<f64>,
+        memory: Option<u64>,
     ) -> Result<Portals> {
         if let Some(path) = &self.specular {
             require_one_band(path)?;
         }
-        self.portals(prepared, hierarchy, tolerance)
+        self.portals(prepared, hierarchy, tolerance, memory)
     }
 
     /// The portals of a scene, whose model gets the images.
@@ -160,8 +165,10 @@ impl PortalSettings {
         prepared: &mut Prepared,
         hierarchy: HierarchyOptions,
         tolerance: Option<f64>,
+        memory: Option<u64>,
     ) -> Result<Portals> {
         let settings = ImageSettings {
+            surfaces_max: forecast::memory_limit(memory).map(|limit| limit / IMAGE_BYTES),
             symmetry: self.symmetry.clone(),
             sector: self.sector,
             periods: self.periodic.clone(),

@@ -448,6 +448,16 @@ pub(crate) fn about(value: f64) -> String {
     count(whole::to_u64(((value / unit).round() * unit).round()))
 }
 
+/// The warning of rows that still changed at the last refinement.
+pub(crate) fn unsettled(rows: u64, tolerance: f64) -> String {
+    format!(
+        "{} still changed by more than {} with the finest hemicubes: `change` has what the last step changed, and an \
+         error may be greater; a larger `--tolerance`, or smaller patches",
+        counted(rows, "row"),
+        percent(tolerance)
+    )
+}
+
 /// Warns of a file's points that are not in the open, by place, with their lines. `places` are of all points or of
 /// these alone.
 pub(crate) fn tell_of_places(path: &Path, points: usize, places: impl Iterator<Item = (Place, u64)>, talk: Talk) {

@@ -81,6 +81,32 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
     })
 }
 
+/// What reading a scene may take.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Limits {
+    allow_large: bool,
+    memory: Option<u64>,
+}
+
+impl Limits {
+    /// As much memory as is free.
+    pub(crate) fn of(allow_large: bool) -> Self {
+        Self {
+            allow_large,
+            memory: None,
+        }
+    }
+}
+
+impl From<&SceneSettings> for Limits {
+    fn from(settings: &SceneSettings) -> Self {
+        Self {
+            allow_large: settings.allow_large,
+            memory: settings.memory,
+        }
+    }
+}
+
 /// Reads and cuts the scene of a matrix as for its computation.
 ///
 /// # Errors
@@ -89,10 +115,11 @@ pub(crate) fn scene(
     store: &Store,
     path: &Path,
     engine: &impl AsRef<EngineSettings>,
-    allow_large: bool,
+    limits: Limits,
 ) -> Result<Prepared> {
     let settings = SceneSettings {
-        allow_large,
+        allow_large: limits.allow_large,
+        memory: limits.memory,
         ..settings(store)?
     };
     let elements = u32::try_from(store.manifest().elements()).unwrap_or(u32::MAX);

@@ -24,8 +24,8 @@
 //!
 //! With a tolerance T, hemicubes of twice the resolution follow, up to the finest, then twice as many of them with
 //! other turns, up to [`TURNS_MAX`], until a row changes by T of its Euclidean norm at most, and sky, ground and
-//! blocked share by T of the whole. The row's error is then less than that change: it is what the coarser of the two
-//! has. Rows that still change keep their last value, and are counted ([`SensorRow::is_settled`]).
+//! blocked share by T of the whole. That change is about the error of the coarser of the two; it bounds none, as two may
+//! agree by chance. Rows that still change keep their last value, and are counted ([`SensorRow::is_settled`]).
 //!
 //! Through mirrors and panes, hemicubes are followed as those of patches are ([`crate::portal`]), and rows are of what
 //! arrives: Σ F − passed + sky + ground + blocked + cut off = 1. What comes through portals is scaled to what the

@@ -250,7 +250,7 @@ pub struct SkyRow {
     pub blocked: u64,
     /// Number of hemicubes, 2³¹ each.
     pub hemicubes: u32,
-    /// Change of the sky view factor by the last refinement; NaN without one.
+    /// Change of the sky view factor by the last refinement, no bound on its error; NaN without one.
     pub change: f64,
     /// Change of the ground's share, or of the backs', by the last refinement, the larger; NaN without one.
     pub change_below: f64,

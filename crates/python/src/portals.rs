@@ -116,6 +116,7 @@ impl Asked<'_, '_> {
             periods: periods.collect::<PyResult<_>>()?,
             repeats: self.repeats,
             bound: self.tolerance.unwrap_or(0.01) / 10.0,
+            surfaces_max: None,
         })
     }
 

@@ -9,6 +9,9 @@
 //!   and n³ where holes cross
 //! - steps of cutting: at most [`STEPS_A_BYTE`] a byte, and always [`STEPS`], because polygons of up to 2,000 corners
 //!   never reach it
+//! - bytes that copies take before their triangles are counted: at most [`COPIED_A_BYTE`] a byte, and always [`COPIED`]:
+//!   arrays that several pieces share, nodes of instances, a name once for each instance
+//! - steps over copies that may have nothing: [`STEPS_A_COPY`] of the steps of cutting each
 //! - bytes from compressed ones: at most [`INFLATED_A_BYTE`] a byte, and always [`INFLATED`]
 //!
 //! [`ReadOptions::allow_large`](crate::ReadOptions::allow_large) lifts all but [`CORNERS_MAX`].
@@ -24,6 +27,15 @@ use crate::{Error, ErrorKind, ReadOptions};
     feature = "_buildings"
 ))]
 const TRIANGLES: u64 = 1_000_000;
+/// Bytes of copies allowed to any file.
+#[cfg(any(feature = "abaqus", feature = "vtk"))]
+const COPIED: u64 = 1 << 28;
+/// Likewise for each byte: what a triangle takes, of which there may be one a byte.
+#[cfg(any(feature = "abaqus", feature = "vtk"))]
+const COPIED_A_BYTE: u64 = 128;
+/// Steps of cutting, some 30 ns each, that go by while a copy is looked up.
+#[cfg(any(feature = "abaqus", feature = "cityjson"))]
+pub(crate) const STEPS_A_COPY: u64 = 16;
 /// Bytes from compressed ones allowed to any file.
 #[cfg(feature = "vtk")]
 const INFLATED: u64 = 1 << 20;
@@ -51,6 +63,8 @@ const CORNERS_A_STEP: u64 = 8;
 pub(crate) struct Bounds {
     bytes: u64,
     allow_large: bool,
+    #[cfg(any(feature = "abaqus", feature = "vtk"))]
+    copied: u64,
     #[cfg(any(feature = "_polygons", feature = "vs3"))]
     steps: u64,
 }
@@ -61,6 +75,8 @@ impl Bounds {
         Self {
             bytes: bytes as u64,
             allow_large: options.allow_large,
+            #[cfg(any(feature = "abaqus", feature = "vtk"))]
+            copied: 0,
             #[cfg(any(feature = "_polygons", feature = "vs3"))]
             steps: 0,
         }
@@ -83,6 +99,21 @@ impl Bounds {
         Err(too_large(format!(
             "becomes {count} triangles or more by copies, and a file of {bytes} bytes may become {most}; place fewer \
              copies, or allow it (`--allow-large`)"
+        )))
+    }
+
+    /// Counts bytes that are held once more, and refuses too many in all, before they are taken.
+    #[cfg(any(feature = "abaqus", feature = "vtk"))]
+    pub(crate) fn copied(&mut self, bytes: u64) -> Result<(), Error> {
+        self.copied = self.copied.saturating_add(bytes);
+        let most = COPIED.max(COPIED_A_BYTE.saturating_mul(self.bytes));
+        if self.allow_large || self.copied <= most {
+            return Ok(());
+        }
+        Err(too_large(format!(
+            "becomes more than {most} bytes by copies, the most for a file of {} bytes; place fewer copies, or allow \
+             it (`--allow-large`)",
+            self.bytes
         )))
     }
 
@@ -135,8 +166,8 @@ impl Bounds {
             return Ok(());
         }
         Err(too_large(
-            "polygons of very many corners would take too long to be cut; split them first, or allow it \
-             (`--allow-large`)"
+            "polygons of very many corners, or copies of very many surfaces, would take too long; split them first, or \
+             allow it (`--allow-large`)"
                 .to_owned(),
         ))
     }

@@ -149,6 +149,42 @@ impl Format {
     }
 }
 
+/// Attributes of a tag: the tree compares each with all others.
+#[cfg(feature = "_xml")]
+const ATTRIBUTES_MAX: usize = 1000;
+
+/// The line of a tag with too many attributes, by the equals signs outside quotes; what is no tag is passed over.
+#[cfg(feature = "_xml")]
+fn crowded_tag(text: &str) -> Option<u64> {
+    let mut at = 0;
+    while let Some(begin) = text[at..].find('<').map(|found| at + found) {
+        let rest = &text[begin..];
+        let passed = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")];
+        if let Some((_, end)) = passed.iter().find(|(start, _)| rest.starts_with(start)) {
+            at = begin + rest.find(end)? + end.len();
+            continue;
+        }
+        let (mut quote, mut equals, mut length) = (None, 0, rest.len());
+        for (place, byte) in rest.bytes().enumerate() {
+            match (quote, byte) {
+                (Some(open), _) if open == byte => quote = None,
+                (None, b'"' | b'\'') => quote = Some(byte),
+                (None, b'=') => equals += 1,
+                (None, b'>') => {
+                    length = place + 1;
+                    break;
+                }
+                _ => {}
+            }
+        }
+        if equals > ATTRIBUTES_MAX {
+            return Some(1 + text[..begin].matches('\n').count() as u64);
+        }
+        at = begin + length;
+    }
+    None
+}
+
 /// The tree of an XML text, without document type definitions, whose entities may stand for gigabytes.
 #[cfg(feature = "_xml")]
 fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
@@ -159,6 +195,10 @@ fn parse_xml(text: &str) -> Result<roxmltree::Document<'_>, Error> {
             "has {tags} tags in {} bytes; it is damaged, or no data of a mesh or a building",
             text.len()
         )));
+    }
+    if let Some(line) = crowded_tag(text) {
+        let reason = format!("a tag has more than {ATTRIBUTES_MAX} attributes; no data of a mesh or a building has");
+        return Err(Error::malformed(reason).at(line));
     }
     let options = roxmltree::ParsingOptions {
         allow_dtd: false,

@@ -840,7 +840,11 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
         "# in the middle and aside\n0 0 1e-4 0 0 1\n2.5 0 1e-4 0 0 1\n",
     );
     place.write("suns.txt", "0 0 1\n5 0 8.1\n5 0 1\n0 0 -1\n");
-    let report = place.json("sky street.obj --up z -o sky --tolerance 0.1% --points points.txt --suns suns.txt --json");
+    let line = "sky street.obj --up z -o sky --tolerance 0.1% --points points.txt --suns suns.txt --json";
+    let (code, out, err) = place.ran(line);
+    let report: Value = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error} in: {out}{err}"));
+    // Two rows still change at the last level; they are as exact as is asked.
+    assert_eq!((code, &report["unsettled"]), (Some(1), &2.into()), "{err}");
     assert_eq!(
         (report["columns"].as_u64(), report["points"].as_u64()),
         (Some(146), Some(2))
@@ -944,9 +948,12 @@ fn sky_and_ground_are_what_escaped() {
     place.write("points.txt", "0 30 0 0 1 0\n5 2 5 1 0 0\n");
     let run = |threads: u32| {
         let out = format!("sky-{threads}");
-        place.line(&format!(
+        let line = format!(
             "sky city.obj --up y -o {out} --tolerance 5% --resolution 64 --points points.txt --threads {threads}"
-        ));
+        );
+        // Some rows of the city do not settle.
+        let (code, _, err) = place.ran(&line);
+        assert_eq!(code, Some(1), "{err}");
         ["sky.npz", "points.npz", "points-sky.npz", "sky.json"]
             .map(|file| std::fs::read(place.path(&out).join(file)).expect("a file"))
     };

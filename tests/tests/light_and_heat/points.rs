@@ -838,3 +838,113 @@ fn one_point_of_a_city_of_20_000_patches_takes_a_tenth_of_a_second_after_loading
     let bytes = |name: &str| std::fs::metadata(place.path(name)).expect("a file").len();
     assert!(bytes("one.npz") < 1_000_000 && bytes("one.csv") < 1_000_000);
 }
+
+/// A closed box of an object, outwards or inwards.
+fn solid_box(name: &str, [low, high]: [[f64; 3]; 2], before: usize, inwards: bool) -> String {
+    let [a, b] = [low, high];
+    let mut text = format!("o {name}\n");
+    for z in [a[2], b[2]] {
+        for [x, y] in [[a[0], a[1]], [b[0], a[1]], [b[0], b[1]], [a[0], b[1]]] {
+            writeln!(text, "v {x} {y} {z}").expect("a string");
+        }
+    }
+    let faces = [
+        [1, 2, 6, 5],
+        [2, 3, 7, 6],
+        [3, 4, 8, 7],
+        [4, 1, 5, 8],
+        [5, 6, 7, 8],
+        [4, 3, 2, 1],
+    ];
+    for mut face in faces.map(|face| face.map(|corner: usize| corner + before)) {
+        if inwards {
+            face.reverse();
+        }
+        let [p, q, r, s] = face;
+        writeln!(text, "f {p} {q} {r} {s}").expect("a string");
+    }
+    text
+}
+
+#[test]
+fn points_within_solids_that_stand_on_one_another_are_in_solid() {
+    let place = Place::new();
+    let ground = "o ground\nv 0 0 0\nv 20 0 0\nv 20 20 0\nv 0 20 0\nf 1 2 3 4\n";
+    let part = |name, low, high, before| solid_box(name, [low, high], before, false);
+    let low = part("low", [5.0, 5.0, 0.0], [10.0, 10.0, 3.0], 4);
+    let stacks = [
+        ("two", part("high", [5.0, 5.0, 3.0], [10.0, 10.0, 6.0], 12)),
+        ("step", part("high", [6.0, 6.0, 3.0], [9.0, 9.0, 6.0], 12)),
+        (
+            "three",
+            part("middle", [5.0, 5.0, 3.0], [10.0, 10.0, 6.0], 12) + &part("top", [5.0, 5.0, 6.0], [9.0, 9.0, 8.0], 20),
+        ),
+    ];
+    place.write("points.txt", "7.5 7.4 1.5\n2 2 1\n");
+    for (name, above) in stacks {
+        place.write("stack.obj", format!("{ground}{low}{above}"));
+        // The cells of a floor of 5 × 5, of 20 × 20.
+        let grid = rows(&place, "stack.obj --up z --grid 1 --height 1");
+        assert_eq!(grid.len(), 375, "{name}");
+        let listed = rows(&place, "stack.obj --up z --points points.txt");
+        let places: Vec<&str> = listed
+            .iter()
+            .map(|row| row["place"].as_str().expect("a place"))
+            .collect();
+        assert_eq!(places, ["in-solid", "open"], "{name}");
+    }
+    // Rooms on one another have floors and ceilings back to back, too, and their points are in the open.
+    let room = |name, low, high, before| solid_box(name, [low, high], before, true);
+    let below = room("below", [0.0, 0.0, 0.0], [5.0, 5.0, 3.0], 0);
+    place.write("rooms.obj", below + &room("above", [0.0, 0.0, 3.0], [5.0, 5.0, 6.0], 8));
+    assert_eq!(rows(&place, "rooms.obj --up z --grid 1 --height 1").len(), 25);
+    place.write("points.txt", "2.5 2.4 1.5\n2.5 2.4 4.5\n");
+    let listed = rows(&place, "rooms.obj --up z --points points.txt");
+    assert!(listed.iter().all(|row| row["place"] == "open"), "{listed:?}");
+}
+
+#[test]
+fn a_ground_at_the_temperature_of_the_sky_is_said_with_the_degrees_that_it_matters() {
+    let place = Place::new();
+    // A wall, and nothing below the horizon.
+    place.write("wall.obj", "o wall\nv 0 0 0\nv 4 0 0\nv 4 0 4\nv 0 0 4\nf 4 3 2 1\n");
+    place.write("warm.csv", "*,300\n");
+    place.write("point.txt", "2 1 2\n");
+    let line = "points wall.obj --up z --points point.txt --temperatures warm.csv --sky-temperature 250";
+    let ran = place.line(&format!("{line} -o p.json")).is(0);
+    let of = |name: &str| -> f64 {
+        let text = std::fs::read_to_string(place.path(name)).expect("rows");
+        let whole: Value = serde_json::from_str(&text).expect("JSON");
+        number(&whole["rows"][0]["mean_radiant_temperature"])
+    };
+    let known = place.line(&format!("{line} --ground-temperature 300 -o q.json")).is(0);
+    let degrees = format!("by up to {:+.1} K", of("q.json") - of("p.json"));
+    assert!(of("q.json") - of("p.json") > 5.0);
+    let ran = ran.says(&[
+        "is taken to be at the sky's 250.0 K",
+        "at 300.0 K",
+        &degrees,
+        "--ground-temperature",
+    ]);
+    assert!(!known.err.contains("below the horizon, up to"), "{}", known.err);
+    // Where it matters less than anybody measures, nothing is said.
+    let near = place.line(&line.replace("250", "299.99")).is(0);
+    assert!(!near.err.contains("is taken to be at"), "{} {}", near.err, ran.err);
+}
+
+#[test]
+fn a_picture_of_cubes_has_all_six_sides() {
+    let place = Place::new();
+    place.write("room.obj", room([5.0, 4.0, 3.0], &["east"]));
+    let line = "points room.obj --up z --grid 1 --height 1 --as cube --resolution 64";
+    place.line(&format!("{line} -o p.svg -o p.json")).is(0);
+    let text = std::fs::read_to_string(place.path("p.svg")).expect("a picture");
+    for side in ["east", "north", "west", "south", "up", "down"] {
+        assert!(text.contains(&format!(">{side}<")), "{side} is not in the picture");
+    }
+    // The open side is the one that sees the sky: in the east, brightest; in the west, dark.
+    let rows: Value =
+        serde_json::from_str(&std::fs::read_to_string(place.path("p.json")).expect("rows")).expect("JSON");
+    let sky = |side: usize| number(&rows["rows"][side]["sky"]);
+    assert!(sky(0) > 0.0 && sky(2) == 0.0, "{} {}", sky(0), sky(2));
+}

@@ -17,9 +17,10 @@ const WALLS: &str = "v 0 0 0\nv 6 0 0\nv 6 0 6\nv 0 0 6\no wall\nf 4 3 2 1\n\
 fn the_sky_settles_with_the_ground_below_it() {
     let place = Place::new();
     place.write("walls.obj", WALLS);
+    // Four rows still change at the last level, and are as exact as is asked all the same.
     place
         .line("sky walls.obj --up z --csv settled.csv --tolerance 0.2%")
-        .is(0);
+        .is(1);
     place.line("sky walls.obj --up z --csv fine.csv --samples 256").is(0);
     let columns = std::fs::read_to_string(place.path("fine.csv")).expect("a table");
     let columns: Vec<&str> = columns.lines().next().expect("names").split(',').collect();
@@ -31,4 +32,15 @@ fn the_sky_settles_with_the_ground_below_it() {
             assert!((found - fine).abs() < 0.003, "{name}: {found} for {fine}");
         }
     }
+}
+
+#[test]
+fn rows_of_the_sky_that_do_not_settle_end_with_1() {
+    let place = Place::new();
+    place.write("walls.obj", WALLS);
+    let ran = place
+        .line("sky walls.obj --up z --csv t.csv --tolerance 0.001% --json")
+        .is(1);
+    assert!(ran.json()["unsettled"].as_u64().is_some_and(|rows| rows > 0));
+    ran.says(&["still changed by more than", "an error may be greater"]);
 }

@@ -7,6 +7,7 @@ mod distribution;
 mod durability;
 mod interactive;
 mod missing_rows;
+mod options;
 mod security;
 mod side_by_side;
 mod store_mutants;

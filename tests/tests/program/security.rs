@@ -7,6 +7,7 @@
 #![cfg(unix)]
 
 use hemicube_tests::runs::{Place, Ran, files, finish};
+use hemicube_tests::scenes::program;
 use serde_json::json;
 use std::os::unix::fs::symlink;
 use std::process::Command;
@@ -563,6 +564,128 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
             "{COMPUTE} {named} --rows 0..16 --threads 1 --memory 100M -o n"
         ))
         .is(0);
+}
+
+/// Files of kilobytes that would take gigabytes or minutes are refused by what they say, in seconds and little memory.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_copies_hold_and_cost_is_bounded_before_it_is_taken() {
+    let place = Place::new();
+    let part = |inside: &str| {
+        format!(
+            "*PART,NAME=P\n*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n*ELEMENT,TYPE=S3,ELSET=S\n1,1,2,3\n{inside}*END PART\n"
+        )
+    };
+    let instances: String = (0..20_000)
+        .map(|n| format!("*INSTANCE,NAME=I{n},PART=P\n*END INSTANCE\n"))
+        .collect();
+    let assembly = |part: String| format!("{part}*ASSEMBLY,NAME=A\n{instances}*END ASSEMBLY\n");
+    let nodes: String = (4..50_004).map(|n| format!("{n},{},0,0\n", n % 7)).collect();
+    let many = |of: &dyn Fn(usize) -> String| (0..20_000).map(of).collect::<String>();
+    write(
+        &place,
+        "long.inp",
+        assembly(part("").replace("ELSET=S", &format!("ELSET={}", "N".repeat(70_000)))),
+    );
+    write(
+        &place,
+        "nodes.inp",
+        assembly(part("").replace("*ELEMENT", &format!("{nodes}*ELEMENT"))),
+    );
+    write(
+        &place,
+        "surfaces.inp",
+        assembly(part(&many(&|n| format!("*SURFACE,NAME=F{n}\nS,SPOS\n")))),
+    );
+    write(
+        &place,
+        "sections.inp",
+        assembly(part(&many(&|n| format!("*SHELL SECTION,ELSET=S,MATERIAL=M{n}\n1.\n")))),
+    );
+    write(
+        &place,
+        "fill.inp",
+        "*NODE,NSET=A\n1,0,0,0\n*NODE,NSET=B\n2,1,0,0\n*NFILL\nA,B,4000000000,0\n*ELEMENT,TYPE=S3\n1,1,2,2\n",
+    );
+    let generated = "*NGEN\n1,900001,1\n".repeat(100);
+    write(
+        &place,
+        "generated.inp",
+        format!("*NODE\n1,0,0,0\n900001,1,0,0\n{generated}"),
+    );
+    let attributes: String = (0..100_000).map(|n| format!(" a{n}='1'")).collect();
+    write(&place, "attributes.gbxml", format!("<gbXML{attributes}></gbXML>"));
+    let template = json!({ "type": "MultiSurface", "lod": "1", "boundaries": vec![json!([]); 200_000] });
+    let instance =
+        json!({ "type": "X", "geometry": [{ "type": "GeometryInstance", "template": 0, "boundaries": [0] }] });
+    let objects: serde_json::Map<_, _> = (0..20_000).map(|n| (format!("o{n}"), instance.clone())).collect();
+    let city = json!({
+        "type": "CityJSON", "version": "2.0", "CityObjects": objects, "vertices": [[0, 0, 0]],
+        "geometry-templates": { "templates": [template], "vertices-templates": [[0, 0, 0]] },
+    });
+    write(&place, "template.city.json", city.to_string());
+    write(&place, "shared.vtu", shared_arrays(2000, 20_000));
+    for (name, says) in [
+        ("long.inp", "bytes by copies"),
+        ("nodes.inp", "bytes by copies"),
+        ("surfaces.inp", "place fewer copies"),
+        ("sections.inp", "take too long"),
+        ("fill.inp", "a step from 1 on is needed"),
+        ("generated.inp", "take too long"),
+        ("attributes.gbxml", "more than 1000 attributes"),
+        ("template.city.json", "would take too long"),
+        ("shared.vtu", "bytes by copies"),
+    ] {
+        // Kilobytes of address space, and seconds of the processor.
+        let script = format!("ulimit -v 2500000; ulimit -t 40; exec \"$0\" inspect {name}",);
+        let mut command = Command::new("bash");
+        command
+            .args(["-c", &script])
+            .arg(program())
+            .current_dir(place.path("."));
+        let ran = Ran::from(command.output().expect("bash runs"));
+        assert_eq!(ran.code, Some(2), "{name}: {}", ran.err);
+        assert!(ran.err.contains(says), "{name}: {}", ran.err);
+    }
+}
+
+/// A file of pieces that share one array each of points, corners, ends and kinds, of `triangles`.
+fn shared_arrays(pieces: usize, triangles: u32) -> Vec<u8> {
+    let mut points = Vec::new();
+    for k in 0..triangles {
+        let x = f32::from(u16::try_from(k % 1000).expect("less than a thousand"));
+        points.extend(
+            [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0f32]]
+                .as_flattened()
+                .iter()
+                .flat_map(|c| c.to_le_bytes()),
+        );
+    }
+    let corners: Vec<u8> = (0..3 * triangles).flat_map(u32::to_le_bytes).collect();
+    let ends: Vec<u8> = (1..=triangles).flat_map(|k| (3 * k).to_le_bytes()).collect();
+    let kinds = vec![5; triangles as usize];
+    let (mut data, mut at) = (Vec::new(), Vec::new());
+    for array in [points, corners, ends, kinds] {
+        at.push(data.len());
+        data.extend(u32::try_from(array.len()).expect("short").to_le_bytes());
+        data.extend(array);
+    }
+    let array = |rest: &str, offset: usize| format!("<DataArray {rest} format='appended' offset='{offset}'/>");
+    let piece = format!(
+        "<Piece NumberOfPoints='{}' NumberOfCells='{triangles}'><Points>{}</Points><Cells>{}{}{}</Cells></Piece>",
+        3 * triangles,
+        array("type='Float32' NumberOfComponents='3'", at[0]),
+        array("type='Int32' Name='connectivity'", at[1]),
+        array("type='Int32' Name='offsets'", at[2]),
+        array("type='UInt8' Name='types'", at[3]),
+    );
+    let mut file =
+        b"<VTKFile type='UnstructuredGrid' version='0.1' byte_order='LittleEndian'><UnstructuredGrid>".to_vec();
+    file.extend(piece.repeat(pieces).into_bytes());
+    file.extend(b"</UnstructuredGrid><AppendedData encoding='raw'>_");
+    file.extend(data);
+    file.extend(b"</AppendedData></VTKFile>");
+    file
 }
 
 /// Instances of a part, and very many sets of very many elements.

@@ -371,3 +371,54 @@ fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
     );
     assert!(!inspect(&scene, &[]).contains("only: such rows"));
 }
+
+/// What a run takes of what was foretold of it.
+fn taken_of_foretold(place: &Place, scene: &str, level: &str) -> [f64; 3] {
+    let settings = format!("--no-config --threads 1 {level}");
+    let foretold = place.line(&format!("inspect {scene} --json {settings}")).is(0).json()["forecast"].clone();
+    let line = format!("compute {scene} -o out --overwrite --quiet --json {settings}");
+    let taken = place.line(&line).is(0).json();
+    let number = |of: &Value| of.as_f64().unwrap_or(f64::NAN);
+    let peak = [&taken["peak_memory_bytes"], &foretold["memory_bytes"]].map(number);
+    assert!(
+        peak[0] <= peak[1],
+        "{scene} {level}: {} bytes for at most {}",
+        peak[0],
+        peak[1]
+    );
+    ["steps", "entries", "bytes"].map(|what| number(&taken[what]) / number(&foretold[what]))
+}
+
+#[test]
+fn a_forecast_follows_the_accuracy_asked_within_a_factor_of_2() {
+    let place = Place::new();
+    let (mut off, mut steps) = (Vec::new(), Vec::new());
+    for kind in ["room", "city", "block-city", "maze", "spheres", "field"] {
+        let scene = format!("{kind}.obj");
+        place
+            .line(&format!("generate {kind} --patches 500 -o {scene} -q"))
+            .is(0);
+        for level in ["", "--tolerance 1%", "--tolerance 0.3%"] {
+            let found = taken_of_foretold(&place, &scene, level);
+            if found.iter().any(|ratio| !(0.5..=2.0).contains(ratio)) {
+                off.push(format!("{scene} {level}: {found:?}"));
+            }
+            steps.push(found[0]);
+        }
+    }
+    assert!(off.is_empty(), "taken by foretold: steps, entries, bytes: {off:?}");
+    // A forecast of another level is further off than that.
+    let of = |line: &str, what: &str| {
+        let report = place.line(line).is(0).json();
+        report["forecast"][what]
+            .as_f64()
+            .or(report[what].as_f64())
+            .expect("a number")
+    };
+    let coarse = of("inspect maze.obj --json --no-config", "steps");
+    let fine = of(
+        "compute maze.obj -o out --overwrite --quiet --json --no-config --tolerance 0.3%",
+        "steps",
+    );
+    assert!(fine > 2.0 * coarse, "{fine} {coarse}");
+}

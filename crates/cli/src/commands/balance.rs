@@ -40,20 +40,20 @@ pub(crate) struct Arguments {
     /// Scale rows and columns alike until each row and what it lost sum to 1; keeps reciprocity
     #[arg(long, group = "work")]
     pub(crate) closure: bool,
-    /// Make A_i F_ij and A_j F_ji equal
+    /// Make A_i F_ij and A_j F_ji equal; `--closure` does so, too
     #[arg(long, group = "work")]
     pub(crate) reciprocity: bool,
     /// Leave out form factors below X, and give what a row loses to its others
     #[arg(long, value_name = "X", value_parser = share, allow_negative_numbers = true, group = "work")]
     pub(crate) min_factor: Option<f64>,
     /// By how much a row may be scaled; rows that want more stay there, and are counted
-    #[arg(long, value_name = "S", default_value = "1.1", value_parser = max_scale, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", default_value = "1.1", requires = "closure", value_parser = max_scale, allow_negative_numbers = true)]
     pub(crate) max_scale: f64,
     /// How near its sum each row is to come
-    #[arg(long, value_name = "T", default_value = "1e-6", value_parser = residual, allow_negative_numbers = true)]
+    #[arg(long, value_name = "T", default_value = "1e-6", requires = "closure", value_parser = residual, allow_negative_numbers = true)]
     pub(crate) tolerance: f64,
     /// Sweeps of the scaling before it gives up; exit 1
-    #[arg(long, value_name = "N", default_value = "1000", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value = "1000", requires = "closure", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) max_sweeps: u32,
     /// Replace a matrix that is there
     #[arg(long)]

@@ -43,7 +43,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) plot: Option<PathBuf>,
     /// Replace a file that is there
-    #[arg(long)]
+    #[arg(long, requires = "plot")]
     pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) report: ReportArguments,

@@ -95,6 +95,8 @@ struct Report {
     partial: u64,
     /// Rows of this run that met the bound on their work before all pairs worth it were measured.
     cut_short: u64,
+    /// Work of this run's rows in steps of about a nanosecond, counted, as `inspect` foretells them.
+    steps: u64,
     /// The slowest row of this run.
     #[serde(skip_serializing_if = "Option::is_none")]
     slowest_row: Option<SlowestRow>,
@@ -487,7 +489,9 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
     let tolerance = arguments.render.tolerance.map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
-    let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
+    let portals = arguments
+        .portals
+        .portals(&mut prepared, hierarchy, tolerance, arguments.patches.memory)?;
     let further = arguments
         .portals
         .of_further_bands(&portals, &prepared, tolerance, outputs.len())?;
@@ -1107,6 +1111,7 @@ fn report_of(
         corrected: summary.corrected,
         partial: summary.partial,
         cut_short: summary.cut_short,
+        steps: forecast::steps(summary),
         slowest_row: timings.and(summary.slowest).map(|(element, took)| SlowestRow {
             patch: match &finished.plan.groups {
                 Some(groups) => groups.grouping.patch_of(element).0,

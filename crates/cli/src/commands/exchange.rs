@@ -4,6 +4,7 @@ mod files;
 
 use crate::args::{Report as ReportArguments, StoredMatrix, Talk};
 use crate::exit::{self, Exit, hinted};
+use crate::forecast;
 use crate::help::examples;
 use crate::materials;
 use crate::outputs::Paths;
@@ -36,6 +37,7 @@ const EXAMPLES: &str = "  \
 /// Find what surfaces exchange: Gebhart factors, total exchange areas (script F), conductances, resistances
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
+#[command(mut_arg("overwrite", |overwrite| overwrite.requires("output")))]
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) matrix: StoredMatrix,
@@ -138,6 +140,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         1 => vec!["total".to_owned()],
         _ => properties.bands().to_vec(),
     };
+    // Each band has a dense matrix, and another while its columns are found.
+    let surfaces = network.len() as u64;
+    let bytes = (8 * (bands.len() as u64 + 1)).saturating_mul(surfaces * (surfaces + 1));
+    let next = "`--by object` or `--by material` have fewer surfaces, and a file of materials fewer `bands`";
+    let what = format!(
+        "the exchange of {} in {}",
+        counted(surfaces, "surface"),
+        counted(bands.len() as u64, "band")
+    );
+    forecast::require(bytes, None, &what, next)?;
     let bar = Bar::spinner(talk, "solving");
     let guard = exit::InterruptGuard::new();
     let found = Exchange::new(

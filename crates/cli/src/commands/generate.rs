@@ -25,9 +25,9 @@ pub(crate) struct Arguments {
     /// About how many patches it is to have
     #[arg(long, value_name = "N", default_value = "10000", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) patches: u64,
-    /// Which of the scenes of this kind
-    #[arg(long, value_name = "S", default_value = "1")]
-    pub(crate) seed: u64,
+    /// Which of the scenes of this kind; there is one room alone [default: 1]
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u64>,
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
@@ -40,6 +40,9 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+    if arguments.seed.is_some() && arguments.kind == Kind::Room {
+        bail!("`--seed` chooses among scenes of a kind, and there is one room alone");
+    }
     let to_stdout = arguments.output.as_os_str() == "-";
     if !to_stdout {
         check_place(&arguments.output, arguments.overwrite)?;
@@ -47,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let scene = generate(Generate {
         kind: arguments.kind,
         target_patches: arguments.patches,
-        seed: arguments.seed,
+        seed: arguments.seed.unwrap_or(1),
     })?;
     if to_stdout {
         let mut out = BufWriter::new(io::stdout().lock());

@@ -28,6 +28,8 @@ pub(crate) struct Arguments {
     #[arg(value_name = "FROM")]
     pub(crate) sources: Vec<PathBuf>,
     /// Threads that check parts; 0: one for each core
+    ///
+    /// Results are the same.
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
     #[command(flatten)]

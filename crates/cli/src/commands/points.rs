@@ -65,14 +65,20 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "STEP", value_parser = length, group = "where", help_heading = "Points")]
     pub(crate) grid: Option<f64>,
     /// Height of the grid above the lowest surface that looks up; those in solids are left out
-    #[arg(long, value_name = "HEIGHT", value_parser = real, requires = "grid", allow_negative_numbers = true,
-        help_heading = "Points")]
+    #[arg(long, value_name = "HEIGHT", value_parser = real, requires = "grid", conflicts_with = "points",
+        allow_negative_numbers = true, help_heading = "Points")]
     pub(crate) height: Option<f64>,
     /// Surfaces of the grid, by object or material (repeatable): to stand on, or with `--height` the ground
-    #[arg(long, value_name = "GLOB", requires = "grid", help_heading = "Points")]
+    #[arg(
+        long,
+        value_name = "GLOB",
+        requires = "grid",
+        conflicts_with = "points",
+        help_heading = "Points"
+    )]
     pub(crate) on: Vec<String>,
     /// Distance of the grid from the surfaces of `--on`, along their normals [default: a thousandth of the step]
-    #[arg(long, value_name = "LENGTH", value_parser = length, requires = "on", conflicts_with = "height",
+    #[arg(long, value_name = "LENGTH", value_parser = length, requires = "on", conflicts_with_all = ["height", "points"],
         help_heading = "Points")]
     pub(crate) offset: Option<f64>,
     /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
@@ -108,8 +114,8 @@ pub(crate) struct Arguments {
         help_heading = "Heat"
     )]
     pub(crate) sky_temperature: Option<f64>,
-    /// Temperature of what is below the horizon, in kelvin, or as `20 °C` [default: what lay outside for the solution,
-    /// or the sky's]
+    /// Temperature of what is below the horizon, in kelvin, or as `20 °C` [default: the ground of the solution, or what
+    /// lay outside for it; with `--temperatures` the sky's]
     #[arg(
         long,
         value_name = "KELVIN",
@@ -119,7 +125,8 @@ pub(crate) struct Arguments {
         help_heading = "Heat"
     )]
     pub(crate) ground_temperature: Option<f64>,
-    /// Refine each row until it changes by no more than this share: 1%, 0.001
+    /// Refine each row until it changes by no more than this share: 1%, 0.001. Exit 1 where rows do not settle; the last
+    /// change bounds no error, and `--verify` measures it
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
     pub(crate) tolerance: Option<f64>,
     /// Pixels along an edge of the first hemicubes: a multiple of 16 up to 1024 [default: 256; 128 for a
@@ -133,7 +140,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// Replace files that are there
-    #[arg(long)]
+    #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     /// Columns of .csv and .json
     #[arg(
@@ -274,21 +281,18 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let store = arguments.solution.as_deref().map(heat::open).transpose()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let mut prepared = match &store {
-        Some((store, _)) => stored::scene(
-            store,
-            &arguments.scene,
-            &arguments.engine,
-            arguments.patches.allow_large,
-        ),
+        Some((store, _)) => stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into()),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
     enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let hierarchy = arguments.engine.hierarchy();
     let portals = match &store {
         Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
-        None => arguments
-            .portals
-            .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
+        None => {
+            arguments
+                .portals
+                .of_one_band(&mut prepared, hierarchy, arguments.tolerance, arguments.patches.memory)?
+        }
     };
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;
@@ -325,6 +329,19 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if let Some(heat) = &heat {
         heat.require_outside(rows.iter().map(|row| &row.row))?;
     }
+    if let Some(heat) = &heat {
+        let greatest = |of: fn(&Kept) -> f64| {
+            let all = rows.iter().map(of);
+            all.fold(
+                0.0,
+                |most: f64, value| if value.abs() > most.abs() { value } else { most },
+            )
+        };
+        let (change, seen) = (greatest(|row| row.change_by_ground), greatest(|row| row.row.ground));
+        if let Some(question) = heat.question_of_ground(change, seen) {
+            talk.warn(&question);
+        }
+    }
     let Some(verified) = task.verify(&rows, cancel)? else {
         return Ok(Exit::Interrupted);
     };
@@ -344,11 +361,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     talk.say(task.summary(&rows, verified, seconds).trim_end());
     let unsettled = rows.iter().filter(|row| !row.row.is_settled).count() as u64;
     if let (true, Some(tolerance)) = (unsettled > 0, arguments.tolerance) {
-        talk.warn(&format!(
-            "{} still changed by more than {} with the finest hemicubes: their `change` says by how much",
-            counted(unsettled, "row"),
-            percent(tolerance)
-        ));
+        talk.warn(&crate::report::unsettled(unsettled, tolerance));
     }
     let is_held = task.is_held(&rows, verified);
     if let Some(json) = json {

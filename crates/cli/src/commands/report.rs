@@ -27,7 +27,7 @@ use crate::outputs::Paths;
 use crate::picture::sparsity::{Order, Sparsity};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, PendingFile, SCHEMA, counted, size};
-use crate::stored;
+use crate::stored::{self, Limits};
 use anyhow::{Context, Result, bail};
 use blocks::Blocks;
 use clap::Args;
@@ -88,8 +88,6 @@ pub(crate) struct Arguments {
     #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
     #[command(flatten)]
-    pub(crate) engine: EngineSettings,
-    #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
 
@@ -140,7 +138,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
-    let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
+    let prepared = stored::scene(
+        &store,
+        &arguments.scene,
+        &EngineSettings::default(),
+        Limits::of(arguments.allow_large),
+    )?;
     let up = prepared.up(arguments.up)?;
     prepared.tell_up(arguments.up, talk);
     let bar = Bar::spinner(talk, "checking");

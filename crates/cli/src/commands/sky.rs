@@ -58,6 +58,7 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 #[command(group = clap::ArgGroup::new("place").required(true).multiple(true))]
+#[command(group = clap::ArgGroup::new("files").args(["output", "csv"]).multiple(true))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
@@ -76,7 +77,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", group = "place")]
     pub(crate) csv: Option<PathBuf>,
     /// Replace what `-o` and `--csv` name
-    #[arg(long)]
+    #[arg(long, requires = "files")]
     pub(crate) overwrite: bool,
     /// How the sky is divided: tregenza (145 patches) or reinhart:N (144 N² + 1)
     #[arg(long, value_name = "tregenza|reinhart:N", default_value = "tregenza")]
@@ -92,7 +93,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
     /// Refine each row until its sky view factor changes by no more than this share, and ground and blocked by no more
-    /// of the view: 1%, 0.001
+    /// of the view: 1%, 0.001. Exit 1 where rows do not settle; the last change bounds no error
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
     pub(crate) tolerance: Option<f64>,
     /// Pixels along an edge: a multiple of 16 up to 1024 [default: 256, or the matrix's]
@@ -413,6 +414,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let seconds = started.elapsed().as_secs_f64();
     let written: Vec<&Path> = output.iter().chain(&arguments.csv).map(PathBuf::as_path).collect();
     talk.say(summary(&record, &of_points, &misplaced, &written, seconds).trim_end());
+    if let (true, Some(tolerance)) = (record.unsettled > 0, record.tolerance) {
+        talk.warn(&report::unsettled(record.unsettled, tolerance));
+    }
+    let exit = if record.unsettled == 0 {
+        Exit::Done
+    } else {
+        Exit::NotHeld
+    };
     if let Some(json) = json {
         json.write(&Report {
             schema: SCHEMA,
@@ -424,7 +433,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             seconds: (!arguments.report.no_timings).then_some(seconds),
         })?;
     }
-    Ok(Exit::Done)
+    Ok(exit)
 }
 
 /// Refuses outputs that would leave out what was asked for.
@@ -438,9 +447,14 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
             format!("`--csv {}` writes a table", path.display()),
         ));
     }
-    let alone = [("--points", &arguments.points), ("--suns", &arguments.suns)];
-    for (option, file) in alone {
-        if file.is_some() && output.is_none() {
+    let asked = [
+        ("--points", arguments.points.is_some()),
+        ("--suns", arguments.suns.is_some()),
+        ("--division", arguments.division != Division(1)),
+        ("--north", arguments.north != 0.0),
+    ];
+    for (option, is_asked) in asked {
+        if is_asked && output.is_none() {
             return Err(hinted(
                 anyhow!("the table of `--csv` has no place for what `{option}` asks for"),
                 "name a directory for it, with `-o`",
@@ -491,12 +505,7 @@ fn specular(arguments: &Arguments, prepared: &Prepared, store: Option<&Store>) -
 /// Reads the scene, with the subdivision of the matrix if there is one.
 fn prepare_scene(arguments: &Arguments, store: Option<&Store>) -> Result<Prepared> {
     match store {
-        Some(store) => stored::scene(
-            store,
-            &arguments.scene,
-            &arguments.engine,
-            arguments.patches.allow_large,
-        ),
+        Some(store) => stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into()),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Fractions),
     }
 }

@@ -4,6 +4,7 @@ mod heat;
 mod surfaces;
 
 use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
+use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials;
@@ -12,7 +13,7 @@ use crate::picture::canvas::Format as PictureFormat;
 use crate::picture::model::{self, Camera};
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
-use crate::stored;
+use crate::stored::{self, Limits};
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
@@ -36,8 +37,43 @@ const CSV_COLUMNS_MAX: u64 = 256;
 const BALANCES_SHOWN: usize = 6;
 /// Least returned share of the input to be printed.
 const RETURNED_SHOWN: f64 = 1e-4;
+/// Iterations of GMRES until it begins anew.
+const RESTART: u32 = 20;
 /// Vectors in memory a right-hand side, besides GMRES's.
 const VECTORS: u64 = 9;
+/// Options of what is solved, which `--print-materials` does not do.
+const OF_SOLVING: [&str; 19] = [
+    "threads",
+    "overwrite",
+    "thermal",
+    "emission",
+    "sky_radiance",
+    "sky",
+    "method",
+    "restart",
+    "tolerance",
+    "max_iterations",
+    "as_stored",
+    "memory",
+    "name",
+    "output",
+    "by",
+    "network",
+    "surfaces",
+    "picture",
+    "json",
+];
+/// Options of the camera.
+const CAMERA: [&str; 7] = ["eye", "look_at", "up", "fov", "size", "shading", "exposure"];
+
+/// The camera's options are of a picture.
+fn of_picture(argument: clap::Arg) -> clap::Arg {
+    if CAMERA.contains(&argument.get_id().as_str()) {
+        argument.requires("picture")
+    } else {
+        argument
+    }
+}
 
 const EXAMPLES: &str = "  \
   hemicube solve room.hemicube --scene room.obj
@@ -49,6 +85,9 @@ const EXAMPLES: &str = "  \
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
+#[command(group = clap::ArgGroup::new("files").args(["output", "surfaces", "picture"]).multiple(true))]
+#[command(mut_arg("overwrite", |overwrite| overwrite.requires("files")))]
+#[command(mut_args(of_picture))]
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) matrix: StoredMatrix,
@@ -63,7 +102,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Materials")]
     pub(crate) materials: Option<PathBuf>,
     /// Print a file for `--materials` with all objects, materials and the values that hold, and solve nothing
-    #[arg(long, help_heading = "Materials")]
+    #[arg(long, conflicts_with_all = OF_SOLVING, help_heading = "Materials")]
     pub(crate) print_materials: bool,
     /// Exchange heat instead of light: emissivity and temperature to net flux
     #[arg(long, help_heading = "Materials")]
@@ -104,15 +143,9 @@ pub(crate) struct Arguments {
         hide_possible_values = true
     )]
     pub(crate) method: MethodName,
-    /// GMRES begins anew after N iterations
-    #[arg(
-        long,
-        value_name = "N",
-        default_value = "20",
-        value_parser = clap::value_parser!(u32).range(1..=200),
-        hide_short_help = true
-    )]
-    pub(crate) restart: u32,
+    /// GMRES begins anew after N iterations [default: 20]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200), hide_short_help = true)]
+    pub(crate) restart: Option<u32>,
     /// Relative residual to reach
     #[arg(long, value_name = "T", default_value = "1e-6", value_parser = tolerance)]
     pub(crate) tolerance: f64,
@@ -131,7 +164,8 @@ pub(crate) struct Arguments {
     /// Write the solution to FILE too: .npz or .csv (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
-    /// Show heat, flux and temperature by surface [default with `--surfaces`: object; with `--network`: its own]
+    /// Show heat, flux and temperature by surface [default where properties are of objects, or with `--surfaces`: object;
+    /// with `--network`: its own]
     #[arg(
         long,
         value_name = "object|material|face",
@@ -327,7 +361,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if arguments.print_materials {
         return print_materials(arguments, &store, talk);
     }
-    require_up(arguments, &store)?;
+    prepare_scene(arguments, &store, talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let table = store.patches()?;
@@ -444,6 +478,12 @@ impl Arguments {
         if self.sky.is_some() && self.sky_radiance.is_none() && self.ground.is_none() {
             bail!("`--sky` divides the sky for `--sky-radiance` or `--ground`, and neither is given");
         }
+        if self.restart.is_some() && self.method != MethodName::Gmres {
+            bail!("`--restart` is of `--method gmres`, and another method is asked for");
+        }
+        if self.thermal && self.picture.is_some() && self.camera.exposure != 0.0 {
+            bail!("`--exposure` is of pictures of light, and this one is of heat");
+        }
         Ok(())
     }
 
@@ -459,7 +499,9 @@ impl Arguments {
     fn options(&self) -> SolveOptions {
         SolveOptions {
             method: match self.method {
-                MethodName::Gmres => Method::Gmres { restart: self.restart },
+                MethodName::Gmres => Method::Gmres {
+                    restart: self.restart.unwrap_or(RESTART),
+                },
                 MethodName::GaussSeidel => Method::GaussSeidel,
                 MethodName::Jacobi => Method::Jacobi,
             },
@@ -470,16 +512,17 @@ impl Arguments {
     }
 }
 
-/// Refuses a picture of a scene that does not say where up is, before anything is solved.
-fn require_up(arguments: &Arguments, store: &Store) -> Result<()> {
-    match (&arguments.picture, &arguments.scene) {
-        (Some(_), Some(scene)) if arguments.camera.up.is_none() => {
-            let engine = EngineSettings::default();
-            stored::scene(store, scene, &engine, arguments.allow_large)?.up(None)?;
-            Ok(())
-        }
-        _ => Ok(()),
+/// Looks at the scene before anything is solved: warns of surfaces that face the wrong way, and refuses a picture of a
+/// scene that does not say where up is.
+fn prepare_scene(arguments: &Arguments, store: &Store, talk: Talk) -> Result<()> {
+    let Some(scene) = &arguments.scene else { return Ok(()) };
+    let engine = EngineSettings::default();
+    let prepared = stored::scene(store, scene, &engine, Limits::of(arguments.allow_large))?;
+    enclosure::warn_of_winding(&prepared, arguments.options().threads(), talk);
+    if arguments.picture.is_some() && arguments.camera.up.is_none() {
+        prepared.up(None)?;
     }
+    Ok(())
 }
 
 /// Prints the file of materials to begin with.
@@ -501,18 +544,19 @@ fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution, t
     let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) else {
         return Ok(());
     };
-    let prepared = stored::scene(store, scene, &EngineSettings::default(), arguments.allow_large)?;
+    let limits = Limits::of(arguments.allow_large);
+    let prepared = stored::scene(store, scene, &EngineSettings::default(), limits)?;
     prepared.tell_up(arguments.camera.up, talk);
     let values = model::of_solution(stored, arguments.shown())?;
     let specular = stored::specular(store, &prepared)?;
-    model::draw(&prepared, &values, &arguments.camera, specular.as_ref(), picture)
+    model::draw(&prepared, &values, &arguments.camera, specular.as_ref(), None, picture)
 }
 
 /// Number of right-hand sides solved together: their vectors take half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
         + match arguments.method {
-            MethodName::Gmres => u64::from(arguments.restart) + 2,
+            MethodName::Gmres => u64::from(arguments.restart.unwrap_or(RESTART)) + 2,
             _ => 0,
         }
         + match arguments.reading() {

@@ -66,7 +66,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) plot: Option<PathBuf>,
     /// Replace a file that is there
-    #[arg(long)]
+    #[arg(long, requires = "plot")]
     pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
@@ -139,6 +139,8 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
             for trial in &mut report.trials {
                 trial.timing = None;
             }
+            // They are in the order of their times.
+            report.trials.sort_by(|one, other| one.words.cmp(&other.words));
         } else {
             report.recommended = recommended;
         }

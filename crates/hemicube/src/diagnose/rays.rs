@@ -59,6 +59,9 @@ pub(super) fn directions(count: u32) -> Vec<DVec3> {
         .collect()
 }
 
+/// Most surfaces back to back that a ray passes: storeys of a stack.
+const BACK_TO_BACK_MAX: u32 = 64;
+
 /// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Hit {
@@ -98,14 +101,33 @@ impl<'t> Caster<'t> {
         let height = |p: DVec3| normal.dot(p - emitter.corners[0]);
         // A box that ends well below the tolerance has only surfaces to skip: most of a wall, seen from a piece of it.
         let is_below = |center, half| height(center) + normal.abs().dot(half) <= 0.5 * tolerance;
-        self.nearest(origin, direction, is_below, |slot, corners| {
+        let met = self.nearest(origin, direction, is_below, |slot, corners| {
             slot == emitter.slot || corners.iter().all(|p| height(*p) <= tolerance)
-        })
+        });
+        met.hit
     }
 
-    /// The first hit of a ray from a free point.
+    /// The first hit of a ray from a free point. Where one-sided surfaces lie back to back, as solids that stand on one
+    /// another do, nothing tells which side the point is on: what comes next does, if that is a back.
     pub(super) fn first_of_point(&mut self, origin: DVec3, direction: DVec3) -> Hit {
-        self.nearest(origin, direction, |_, _| false, |_, _| false)
+        let first = self.nearest(origin, direction, |_, _| false, |_, _| false);
+        let (mut met, mut along) = (first, 0.0);
+        for _ in 0..BACK_TO_BACK_MAX {
+            if !met.is_back_to_back() {
+                break;
+            }
+            along += met.distance + 2.0 * self.tie();
+            met = self.nearest(origin + along * direction, direction, |_, _| false, |_, _| false);
+        }
+        match met.hit {
+            Hit::Back(_) => met.hit,
+            Hit::Patch(_) | Hit::Nothing => first.hit,
+        }
+    }
+
+    /// Distances along a ray within this are one.
+    fn tie(&self) -> f64 {
+        1e-12 + 4.0 * self.tree.plane_tolerance
     }
 
     /// The first hit of a ray among the surfaces not skipped, by the centre and half of a box of them, or by its slot
@@ -116,7 +138,7 @@ impl<'t> Caster<'t> {
         direction: DVec3,
         skips: impl Fn(DVec3, DVec3) -> bool,
         passes: impl Fn(usize, &[DVec3; 3]) -> bool,
-    ) -> Hit {
+    ) -> Met {
         let tree = self.tree;
         let inverse = direction.recip();
         let enter = |index: u32| {
@@ -132,9 +154,10 @@ impl<'t> Caster<'t> {
             (from <= to && !skips(node.center, node.half)).then_some(from)
         };
         // Surfaces in one plane must be told by their ids, not by how their depths are rounded.
-        let tie = 1e-12 + 4.0 * tree.plane_tolerance;
+        let tie = self.tie();
         let mut nearest = f64::INFINITY;
         let mut met = Hit::Nothing;
+        let mut sides = [false; 3];
         self.pending.clear();
         self.pending.extend(enter(0).map(|t| (t, 0)));
         while let Some((t, index)) = self.pending.pop() {
@@ -181,10 +204,41 @@ impl<'t> Caster<'t> {
                 if wins {
                     met = found;
                 }
+                if t < nearest - tie {
+                    sides = [false; 3];
+                }
+                sides[match found {
+                    Hit::Patch(_) if other < tree.patch_count => Met::BOTH,
+                    Hit::Patch(_) => Met::FRONT,
+                    _ => Met::BACK,
+                }] = true;
                 nearest = nearest.min(t);
             }
         }
-        met
+        Met {
+            hit: met,
+            distance: nearest,
+            sides,
+        }
+    }
+}
+
+/// What a ray meets first, and which sides of surfaces in that place.
+#[derive(Clone, Copy)]
+struct Met {
+    hit: Hit,
+    distance: f64,
+    sides: [bool; 3],
+}
+
+impl Met {
+    const FRONT: usize = 0;
+    const BACK: usize = 1;
+    const BOTH: usize = 2;
+
+    /// Returns whether one-sided surfaces lie back to back there, and none of both sides.
+    fn is_back_to_back(&self) -> bool {
+        self.sides[Self::FRONT] && self.sides[Self::BACK] && !self.sides[Self::BOTH]
     }
 }
 

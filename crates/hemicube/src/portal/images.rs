@@ -59,6 +59,8 @@ pub struct ImageSettings {
     pub repeats: Option<u32>,
     /// The share of a row that may be cut off, where `repeats` is open.
     pub bound: f64,
+    /// Most surfaces of the cell with its images, where memory allows fewer than eight million.
+    pub surfaces_max: Option<u64>,
 }
 
 /// The images of a cell.
@@ -247,6 +249,7 @@ impl ImageSettings {
                 .as_u64()
                 .and_then(|repeats| u32::try_from(repeats).ok()),
             bound: 0.0,
+            surfaces_max: None,
         };
         (!found.is_empty()).then_some(found)
     }
@@ -560,11 +563,16 @@ impl Images {
             two_sided,
         };
         let images = settings.count(repeats);
-        if images.saturating_mul(surfaces.len() as u64) > IMAGES_MAX {
+        let most = IMAGES_MAX.min(settings.surfaces_max.unwrap_or(u64::MAX));
+        if images.saturating_mul(surfaces.len() as u64) > most {
+            let may = if most < IMAGES_MAX {
+                "the memory has room for"
+            } else {
+                "a scene with images may have"
+            };
             return Err(ImageError::Range {
                 what: format!(
-                    "{images} images of {} triangles are more than the {IMAGES_MAX} triangles that a scene with images \
-                     may have: give fewer repeats",
+                    "{images} images of {} triangles are more than the {most} triangles that {may}: give fewer repeats",
                     surfaces.len()
                 ),
             });

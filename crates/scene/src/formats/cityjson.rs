@@ -18,7 +18,7 @@
 //! By serde and a few types of our own: the other services of `cityjson` and `cjseq` (validating, attributes, writing)
 //! are not needed here.
 
-use crate::bounds::Bounds;
+use crate::bounds::{Bounds, STEPS_A_COPY};
 use crate::names::Names;
 use crate::polygon::{Labels, Triangulation, judge_cut, judge_lost, push_triangles, triangulate_with_holes};
 use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
@@ -418,6 +418,8 @@ impl City {
                     .extend(inner.map(|(at, boundary)| (boundary, values.get(at).unwrap_or(&Value::Null), depth - 1)));
                 continue;
             }
+            // Surfaces without corners make no triangle, and templates repeat them.
+            self.bounds.steps(STEPS_A_COPY.saturating_mul(list.len() as u64))?;
             for (at, rings) in list.iter().enumerate() {
                 let kind = values
                     .get(at)

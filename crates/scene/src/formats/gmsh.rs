@@ -58,6 +58,8 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
         labels: None,
         tags: Vec::new(),
         places: Tags::default(),
+        placed: 0,
+        turns: 0,
         elements: 0,
         mesh: Mesh::default(),
     };
@@ -73,6 +75,9 @@ enum Version {
     Two,
     Four,
 }
+
+/// Most times that the nodes are sorted: by each section of elements after more nodes.
+const TURNS_MAX: u32 = 100;
 
 struct Reader<'a> {
     cursor: Cursor<'a>,
@@ -90,6 +95,9 @@ struct Reader<'a> {
     /// The nodes' numbers.
     tags: Vec<u64>,
     places: Tags,
+    /// Nodes in `places`, and how often they were sorted.
+    placed: usize,
+    turns: u32,
     elements: u32,
     mesh: Mesh,
 }
@@ -195,6 +203,9 @@ impl Reader<'_> {
                 (b"NOD", _) => return Err(self.old("1")),
                 (b"PhysicalNames", true) => self.physical_names()?,
                 (b"Entities" | b"PartitionedEntities" | b"Nodes" | b"ParametricNodes" | b"Elements", true) => {
+                    if name == b"Elements" {
+                        self.place_nodes()?;
+                    }
                     self.cursor.binary = self.binary;
                     match (name, self.version) {
                         (b"Entities", Version::Four) => self.entities(false)?,
@@ -402,7 +413,7 @@ impl Reader<'_> {
                 }
             }
         }
-        self.finish_nodes()
+        Ok(())
     }
 
     /// Enters the binary numbers after a count that is text.
@@ -445,10 +456,20 @@ impl Reader<'_> {
                 }
             }
         }
-        self.finish_nodes()
+        Ok(())
     }
 
-    fn finish_nodes(&mut self) -> Result<(), Error> {
+    /// Sorts the nodes by their tags, for the elements that follow, if there are more than before.
+    fn place_nodes(&mut self) -> Result<(), Error> {
+        if self.placed == self.tags.len() {
+            return Ok(());
+        }
+        self.placed = self.tags.len();
+        self.turns += 1;
+        if self.turns > TURNS_MAX {
+            let reason = format!("nodes and elements take turns more than {TURNS_MAX} times; write the nodes first");
+            return Err(self.cursor.fail(reason));
+        }
         self.places = Tags::new(&self.tags).map_err(|tag| self.cursor.fail(format!("node {tag} is there twice")))?;
         Ok(())
     }

@@ -68,10 +68,10 @@ const MATERIALS: &[&str] = &["material", "materialids"];
 /// ```
 pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Result<Scene, Error> {
     let bytes = crate::text::unmarked(bytes)?;
-    let bounds = Bounds::new(bytes.len(), options);
+    let mut bounds = Bounds::new(bytes.len(), options);
     let mut grid = Grid::default();
     if bytes.trim_ascii_start().starts_with(b"<") {
-        xml::read(bytes, &bounds, &mut grid)?;
+        xml::read(bytes, &mut bounds, &mut grid)?;
     } else if bytes.starts_with(b"# vtk DataFile Version") {
         legacy::read(bytes, &mut grid)?;
     } else {

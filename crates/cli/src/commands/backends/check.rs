@@ -147,6 +147,9 @@ impl Answer {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
+    if arguments.backend == BUILT_IN && !arguments.backend_option.is_empty() {
+        bail!("backend `{BUILT_IN}` has no options, and `--backend-option` is given");
+    }
     if let Some(case) = &arguments.case {
         return answer(arguments, case);
     }

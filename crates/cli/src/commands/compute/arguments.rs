@@ -57,7 +57,7 @@ pub(crate) struct Arguments {
         hide_short_help = true
     )]
     pub(crate) culling: AutoSwitch,
-    /// Hemicubes a call of the backend; 0: what it likes best
+    /// Hemicubes a call of the backend; 0: what it likes best. Rows are the same
     #[arg(
         long,
         value_name = "N",

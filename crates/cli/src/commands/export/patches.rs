@@ -6,7 +6,7 @@ use crate::exit::{Exit, hinted};
 use crate::picture::canvas::{byte, shown};
 use crate::picture::model::Tone;
 use crate::report::{self, JsonReport, SCHEMA, counted, figures, size};
-use crate::stored;
+use crate::stored::{self, Limits};
 use anyhow::{Result, anyhow};
 use hemicube::sky::sky_view_factors_beside;
 use hemicube::solve::StoredSolution;
@@ -54,7 +54,12 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     let mut results = read(&store, arguments, talk)?;
     let mut of_line = "patch";
     if let Some(path) = &arguments.scene {
-        let prepared = stored::scene(&store, path, &EngineSettings::default(), arguments.allow_large)?;
+        let prepared = stored::scene(
+            &store,
+            path,
+            &EngineSettings::default(),
+            Limits::of(arguments.allow_large),
+        )?;
         let up = if format.is_upright() {
             prepared.tell_up(arguments.up, talk);
             prepared.up(arguments.up)?

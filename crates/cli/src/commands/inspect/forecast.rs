@@ -2,19 +2,18 @@
 
 use crate::args::{RenderSettings as RenderArguments, Switch};
 use crate::clock::processor_seconds;
-use crate::forecast::{self, Rows};
+use crate::forecast::{self, Rows, steps};
 use crate::prepare::BUILT_IN;
 use crate::report;
 use anyhow::Result;
-use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{
     BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
 };
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, Summary, compute, load};
+use hemicube::driver::level::Level;
 use hemicube::driver::probe::{Probe, strata};
-use hemicube::factor::FactorRule;
 use hemicube::row::RowBlock;
-use hemicube::store::Part;
+use hemicube::store::{Form, Part};
 use hemicube::{InputPatch, Model};
 use serde::Serialize;
 use std::sync::Arc;
@@ -37,10 +36,6 @@ const FIRST_ROWS: usize = 4;
 const WARMING_ROWS: usize = 2;
 /// Rows measured next, at most, for each measured so far.
 const GROWTH: usize = 4;
-/// Steps of a hemicube, of a triangle transformed into its frame, and of a triangle drawn on a face. Measured.
-const STEPS_A_HEMICUBE: u64 = 100_000;
-const STEPS_A_TRANSFORMED: u64 = 40;
-const STEPS_A_DRAWN: u64 = 60;
 /// Standard errors on either side of the forecast.
 const STANDARD_ERRORS: f64 = 2.0;
 
@@ -73,6 +68,8 @@ pub(super) struct Forecast {
     pub(super) measured_rows: usize,
     /// Their work in steps of about a nanosecond, counted.
     pub(super) measured_steps: u64,
+    /// The work of all rows in such steps.
+    pub(super) steps: f64,
     /// True if these are fewer than the sample has, because their work met its bound.
     pub(super) met_bound: bool,
     pub(super) threads: usize,
@@ -159,6 +156,8 @@ struct Work {
     /// Rows of the sample, their work in steps, and their seconds.
     rows: usize,
     steps: u64,
+    /// Steps of all rows.
+    all_steps: f64,
     measured: f64,
     /// True if the bound of work left rows of the sample unmeasured.
     met_bound: bool,
@@ -210,16 +209,6 @@ impl Measured {
     }
 }
 
-/// Work of computed rows in steps of about a nanosecond, counted and not timed: that of their closed forms and visible
-/// fractions, and of their hemicubes' triangles.
-fn steps(found: &Summary) -> u64 {
-    let counters = &found.counters;
-    found.steps
-        + counters.hemicubes * STEPS_A_HEMICUBE
-        + counters.triangles_transformed * STEPS_A_TRANSFORMED
-        + counters.triangles_drawn * STEPS_A_DRAWN
-}
-
 /// Factor by which [`STANDARD_ERRORS`] standard errors grow where a few rows tell the spread: Student's quantile of
 /// 97.5 % over that of many.
 fn student(rows: usize) -> f64 {
@@ -237,6 +226,7 @@ impl Work {
         }
         self.entries += all / n * found.entries;
         self.seconds += all / n * found.sum;
+        self.all_steps += all / n * found.steps as f64;
         self.measured += found.sum;
         self.rows += found.rows;
         self.steps += found.steps;
@@ -261,7 +251,7 @@ impl Work {
         self.start + (self.seconds / threads.max(1) as f64).max(self.slowest)
     }
 
-    /// Measures rows of every stratum with the built-in settings of `compute`, on one thread, by a backend that has the
+    /// Measures rows of every stratum with the settings of the run, on one thread, by a backend that has the
     /// scene.
     fn measure(
         model: &Model,
@@ -370,13 +360,28 @@ pub(super) fn forecast(
         covered: false,
     };
     let sight = Sight::measure(model, render, &plan(RowChoice::Sample { count: SAMPLE, seed }), backend)?;
-    let corrected = plan(RowChoice::All).with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)));
+    // A tolerance is settled as a run settles it: by the same rows, and for the same time.
+    let began = processor_seconds();
+    let execution = Execution {
+        threads: render.thread_count(),
+        ..Execution::default()
+    };
+    let all = Selection::default();
+    let level = Level::resolve(render.accuracy(), model, &all, rotate, Form::Plain, backend, execution);
+    let level = level.map_err(crate::level::explain)?;
+    let settling = (processor_seconds() - began) / render.thread_count().max(1) as f64;
+    let settings = RenderSettings {
+        resolution: level.resolution,
+        ..settings
+    };
+    let corrected =
+        Plan::new(model, RowChoice::All, all, level.samples_per_edge, rotate).with_correction(level.correction);
     // A run loads the scene to try out culling, and again for its rows.
     let began = processor_seconds();
     load(model, &corrected.correction, settings, backend)?;
     let loading = processor_seconds() - began;
     Probe::render(model, &corrected, settings, &mut Loaded(backend.fork()?), None)?;
-    let start = prepared + processor_seconds() - began + loading + BESIDE;
+    let start = prepared + settling + processor_seconds() - began + loading + BESIDE;
     let work = Work {
         start,
         ..Work::measure(model, backend, &corrected, settings, seed)?
@@ -389,8 +394,8 @@ pub(super) fn forecast(
         rows_per_part: Plan::rows_per_part_of(model.patches().len()),
         rows_per_batch: u32::try_from(backend.info().preferred_rows).unwrap_or(u32::MAX),
     };
-    // Includes the memory of survey and diagnosis: an upper bound.
-    let memory_bytes = report::resident_memory_bytes().map(|resident| forecast::memory(resident, threads, rows));
+    // The most so far, with that of survey and diagnosis: an upper bound of what making the model takes on its way.
+    let memory_bytes = report::peak_memory_bytes().map(|most| forecast::memory(most, threads, rows));
     Ok(Forecast {
         sampled_rows: sight.visible.len(),
         seed,
@@ -404,6 +409,7 @@ pub(super) fn forecast(
         bytes_compact: entries * COMPACT_ENTRY_BYTES + patch_count * (ROW_BYTES + PATCH_BYTES),
         measured_rows: work.rows,
         measured_steps: work.steps,
+        steps: work.all_steps,
         met_bound: work.met_bound,
         memory_bytes,
         threads,

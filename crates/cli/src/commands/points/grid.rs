@@ -17,6 +17,8 @@ const CELLS_MAX: f64 = 4_000_000.0;
 const OFFSET: f64 = 1e-3;
 /// Heights of two surfaces in a cell that are one, in parts of the grid's extent.
 const ONE: f64 = 1e-6;
+/// Most surfaces back to back above a point that are looked through: storeys of a stack.
+const STOREYS_MAX: usize = 64;
 /// Least cosine between a surface's normal and the way that a grid looks.
 const FACING: f64 = 0.1;
 /// Least length of the mean normal of the surfaces of a grid.
@@ -284,16 +286,30 @@ impl Layout {
     }
 }
 
-/// The side of the first surface above a point.
+/// The first surfaces above a point, in one place.
 #[derive(Clone, Copy)]
 struct Above {
     height: f64,
-    is_back: bool,
+    has_front: bool,
+    has_back: bool,
+    has_both: bool,
+}
+
+impl Above {
+    /// Returns whether one-sided surfaces lie back to back, as solids that stand on one another do: what is above them
+    /// tells which side the point is on.
+    fn is_back_to_back(&self) -> bool {
+        self.has_front && self.has_back && !self.has_both
+    }
+
+    fn is_back(&self) -> bool {
+        self.has_back && !self.has_front && !self.has_both
+    }
 }
 
 /// Points above the lowest surface that looks up, but those below the back of a surface: in a solid, or under the
 /// ground. Inside a solid that stands wall to wall with others, fronts of theirs are all round, and only its roof
-/// tells.
+/// tells; in one that carries others, the roof of the highest. The cost is one pass over the triangles a storey.
 fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f64, height: f64) -> Result<Grid> {
     let frame = Frame([horizon.east, horizon.north, horizon.up]);
     let mut layout = Layout::new(prepared, frame, chosen, step)?;
@@ -315,26 +331,41 @@ fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f
     }
     layout.take_all(prepared);
     let near = ONE * layout.extent;
-    let mut above: Vec<Option<Above>> = vec![None; ground.len()];
-    layout.each(|cell, at, place| {
-        let (is_up, two_sided) = looks_up(place);
-        let found = Above {
-            height: at,
-            is_back: is_up && !two_sided,
-        };
-        if ground[cell].is_none_or(|(point, _)| at < point) {
-            return;
-        }
-        // Take a front among surfaces in one place.
-        let wins = above[cell].is_none_or(|before| {
-            at < before.height - near || (at <= before.height + near && before.is_back && !found.is_back)
+    // Where to look from in each cell; what is decided is looked at no more.
+    let mut from: Vec<Option<f64>> = ground.iter().map(|point| point.map(|(at, _)| at)).collect();
+    for _ in 0..STOREYS_MAX {
+        let mut above: Vec<Option<Above>> = vec![None; ground.len()];
+        layout.each(|cell, at, place| {
+            let (is_up, two_sided) = looks_up(place);
+            if from[cell].is_none_or(|from| at < from) || above[cell].is_some_and(|before| at > before.height + near) {
+                return;
+            }
+            let nothing = Above {
+                height: at,
+                has_front: false,
+                has_back: false,
+                has_both: false,
+            };
+            let found = above[cell].get_or_insert(nothing);
+            if at < found.height - near {
+                *found = nothing;
+            }
+            found.height = found.height.min(at);
+            found.has_both |= two_sided;
+            found.has_back |= is_up && !two_sided;
+            found.has_front |= !is_up && !two_sided;
         });
-        if wins {
-            above[cell] = Some(found);
+        for ((point, from), above) in ground.iter_mut().zip(&mut from).zip(&above) {
+            if above.is_some_and(|above| above.is_back()) {
+                *point = None;
+            }
+            *from = above
+                .filter(Above::is_back_to_back)
+                .map(|above| above.height + 2.0 * near);
         }
-    });
-    for (point, above) in ground.iter_mut().zip(&above) {
-        *point = point.filter(|_| above.is_none_or(|above| !above.is_back));
+        if from.iter().all(Option::is_none) {
+            break;
+        }
     }
     layout.grid(&ground, false)
 }

@@ -4,7 +4,7 @@ use super::Arguments;
 use crate::args::Talk;
 use crate::exit::hinted;
 use crate::prepare::Prepared;
-use crate::report::{counted, require_matrix};
+use crate::report::{counted, percent, require_matrix};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::points::SensorRow;
 use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution, Temperature, question_of_cold};
@@ -44,7 +44,14 @@ pub(super) struct Heat {
     /// diffusely.
     is_of_kept: bool,
     outside: [f64; 2],
+    /// Temperature of the scene's surfaces on average, where nothing says how warm what is below the horizon is: it is
+    /// then taken to be at the sky's.
+    instead_of_ground: Option<f64>,
 }
+
+/// Least change of a mean radiant temperature that is told, in kelvin: half of what ISO 7726 (1998) desires of those
+/// who measure it.
+const KELVINS_TOLD: f64 = 0.1;
 
 impl Heat {
     /// Of a solution; where patches are several triangles, each has its patch's radiosity.
@@ -72,20 +79,24 @@ impl Heat {
                 radiosity.rows()
             );
         }
-        let ambient = report["surfaces"]["heat"]["ambient"].as_f64();
+        let heat = &report["surfaces"]["heat"];
+        let ambient = heat["ambient"].as_f64();
         let of = |given: Option<f64>, what: &str| {
             given.or(ambient).with_context(|| {
                 format!("the solution does not say what lay outside; `--{what}-temperature KELVIN` does")
             })
         };
         let sky = of(arguments.sky_temperature, "sky")?;
-        let ground = of(arguments.ground_temperature, "ground")?;
+        let known = arguments.ground_temperature.or_else(|| heat["ground"].as_f64());
+        let ground = of(known, "ground")?;
         let radiosity = radiosity.row(0)?;
+        let radiosity = match &prepared.grouping {
+            Some(grouping) => grouping.spread(&radiosity),
+            None => radiosity,
+        };
         Ok(Self {
-            radiosity: match &prepared.grouping {
-                Some(grouping) => grouping.spread(&radiosity),
-                None => radiosity,
-            },
+            instead_of_ground: known.is_none().then(|| of_surfaces(&radiosity, prepared)),
+            radiosity,
             is_of_kept: false,
             outside: [sky, ground],
         })
@@ -156,6 +167,10 @@ impl Heat {
         let sky = arguments.sky_temperature.unwrap_or(f64::NAN);
         let ground = arguments.ground_temperature.unwrap_or(sky);
         Ok(Self {
+            instead_of_ground: arguments
+                .ground_temperature
+                .is_none()
+                .then(|| of_surfaces(&radiosity, prepared)),
             radiosity,
             is_of_kept: true,
             outside: [sky, ground],
@@ -178,7 +193,32 @@ impl Heat {
 
     /// The mean radiant temperature of a row in kelvin.
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
-        let [sky, ground] = self.outside;
+        self.temperature_with(row, self.outside)
+    }
+
+    /// By how many kelvins that of a row changes if what is below the horizon is as warm as the scene's surfaces; 0
+    /// where it is known how warm it is.
+    pub(super) fn change_by_ground(&self, row: &SensorRow) -> f64 {
+        let other = self.instead_of_ground.filter(|_| row.ground > 0.0);
+        other.map_or(0.0, |other| {
+            self.temperature_with(row, [self.outside[0], other]) - self.temperature(row)
+        })
+    }
+
+    /// The warning that the ground is taken to be at the sky's temperature, where that matters: `change` and `seen` are
+    /// the greatest of all rows.
+    pub(super) fn question_of_ground(&self, change: f64, seen: f64) -> Option<String> {
+        let other = self.instead_of_ground.filter(|_| change.abs() >= KELVINS_TOLD)?;
+        Some(format!(
+            "what is below the horizon, up to {} of the view, is taken to be at the sky's {:.1} K; at {other:.1} K, as \
+             the scene's surfaces are, mean radiant temperatures would change by up to {change:+.1} K; \
+             `--ground-temperature KELVIN` says how warm it is",
+            percent(seen),
+            self.outside[1]
+        ))
+    }
+
+    fn temperature_with(&self, row: &SensorRow, [sky, ground]: [f64; 2]) -> f64 {
         // Backs exchange nothing in `solve`, and have no temperature here.
         let outside = [sky, ground, f64::NAN];
         if self.is_of_kept && !row.passed.is_empty() {
@@ -187,6 +227,19 @@ impl Heat {
             row.mean_radiant_temperature(&self.radiosity, outside)
         }
     }
+}
+
+/// The temperature whose black radiation is the mean radiosity of the scene's surfaces by area, in kelvin.
+fn of_surfaces(radiosity: &[f64], prepared: &Prepared) -> f64 {
+    let patches = &prepared.patches;
+    let (mut power, mut area) = (0.0, 0.0);
+    for (patch, radiosity) in patches.iter().zip(radiosity).filter(|(_, b)| b.is_finite()) {
+        power += patches.area(patch) * radiosity;
+        area += patches.area(patch);
+    }
+    (power / area.max(f64::MIN_POSITIVE) / STEFAN_BOLTZMANN)
+        .max(0.0)
+        .powf(0.25)
 }
 
 /// Bytes of a table of temperatures, at most.

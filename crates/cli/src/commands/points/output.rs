@@ -21,6 +21,17 @@ use std::path::Path;
 const COLUMNS_MAX: usize = 16_384;
 /// Pixels along the longer edge of a picture, about.
 const PICTURE: usize = 900;
+/// Pixels between the pictures of a cube's sides, with their names in it.
+const GAP: usize = 24;
+/// The sides of a cube, in the order of [`sides`], and the place of each in the picture.
+const SIDES: [(&str, [usize; 2]); 6] = [
+    ("east", [2, 0]),
+    ("north", [1, 0]),
+    ("west", [0, 0]),
+    ("south", [0, 1]),
+    ("up", [1, 1]),
+    ("down", [2, 1]),
+];
 
 /// Formats, by the names' extensions.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -161,6 +172,8 @@ pub(super) struct Kept {
     pub(super) groups: Vec<(u32, f64)>,
     /// Mean radiant temperature in kelvin; NaN without a solution.
     pub(super) temperature: f64,
+    /// By how much it changes with another ground ([`Heat::change_by_ground`]).
+    pub(super) change_by_ground: f64,
 }
 
 impl Kept {
@@ -173,6 +186,7 @@ impl Kept {
             sensor,
             groups: sums.into_iter().collect(),
             temperature: heat.map_or(f64::NAN, |heat| heat.temperature(&row)),
+            change_by_ground: heat.map_or(0.0, |heat| heat.change_by_ground(&row)),
             row: if keeps {
                 row
             } else {
@@ -500,23 +514,38 @@ impl Written<'_> {
         };
         let column = Column::of(self.arguments, self.groups, self.has_heat())?;
         let each = self.sensors.items[0].body.rows();
-        let values: Vec<f64> = self.rows.iter().step_by(each).map(|row| column.value(row)).collect();
+        let values: Vec<f64> = self.rows.iter().map(|row| column.value(row)).collect();
         let known = || values.iter().copied().filter(|value| value.is_finite());
         let (low, high) = (
             known().fold(f64::INFINITY, f64::min),
             known().fold(f64::NEG_INFINITY, f64::max),
         );
-        let size = (PICTURE / raster.columns.max(raster.rows)).max(1);
-        let (width, height) = (size * raster.columns, size * raster.rows);
+        // A cube has a row a side: each is drawn, to one scale.
+        let is_cube = each == SIDES.len();
+        let [across, down] = if is_cube { [3, 2] } else { [1, 1] };
+        let gap = if is_cube { GAP } else { 0 };
+        let size = (PICTURE / (across * raster.columns).max(down * raster.rows)).max(1);
+        let (wide, tall) = (size * raster.columns, size * raster.rows);
+        let (width, height) = (across * wide + (across - 1) * gap, down * (tall + gap));
         let mut canvas = Canvas::new(width.max(480), height + 56, WHITE);
         let left = (canvas.width - width) / 2;
-        for (cell, point) in raster.cells.iter().enumerate() {
-            let color: Color = match point.map(|point| values[point]) {
-                Some(value) if value.is_finite() => scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE)),
-                _ => NOTHING,
-            };
-            let (x, y) = (cell % raster.columns, raster.rows - 1 - cell / raster.columns);
-            canvas.fill(Rect::square(left + size * x, size * y, size), color);
+        for side in 0..each {
+            let (name, [column, line]) = if is_cube { SIDES[side] } else { ("", [0, 0]) };
+            let (left, top) = (left + column * (wide + gap), line * (tall + gap) + gap);
+            if is_cube {
+                let at = (left as f64, (top - 8) as f64);
+                canvas.write(name, at, 13.0, Anchor::Start);
+            }
+            for (cell, point) in raster.cells.iter().enumerate() {
+                let color: Color = match point.map(|point| values[point * each + side]) {
+                    Some(value) if value.is_finite() => {
+                        scale_color((value - low) / (high - low).max(f64::MIN_POSITIVE))
+                    }
+                    _ => NOTHING,
+                };
+                let (x, y) = (cell % raster.columns, raster.rows - 1 - cell / raster.columns);
+                canvas.fill(Rect::square(left + size * x, top + size * y, size), color);
+            }
         }
         let wide = (canvas.width / 3).max(120);
         let labels = [figures(low), figures(high)];

@@ -48,7 +48,7 @@ pub(crate) struct Arguments {
     #[arg(long, conflicts_with_all = ["output", "show"])]
     pub(crate) live: bool,
     /// End after so many hemicubes
-    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", requires = "live", conflicts_with = "output", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) count: Option<u64>,
     /// ids: which patch a pixel sees; depth; delta: what it weighs; occlusion: how many patches lie behind it
     #[arg(
@@ -153,6 +153,12 @@ fn layers(
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
+    if arguments.patches.up.is_some() {
+        bail!("`--up` turns no hemicube: it stands on its patch");
+    }
+    if arguments.specular.is_some() && arguments.show != Show::Ids {
+        bail!("`--specular` shows which patches are seen behind, by `--show ids`, and something else is shown");
+    }
     if let Some(output) = &arguments.output {
         Format::of(output)?;
     }
@@ -160,12 +166,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let prepared = match &arguments.store {
         Some(store) => {
             let store = of_store.insert(Store::open(store)?);
-            stored::scene(
-                store,
-                &arguments.scene,
-                &arguments.engine,
-                arguments.patches.allow_large,
-            )?
+            stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into())?
         }
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels)?,
     };

@@ -5,7 +5,7 @@ use crate::exit::Exit;
 use crate::picture::canvas::Format;
 use crate::picture::model::{Camera, Scale, Values, draw, of_solution};
 use crate::report::count;
-use crate::stored;
+use crate::stored::{self, Limits};
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use hemicube::InputPatch;
@@ -46,8 +46,19 @@ pub(crate) struct Arguments {
     pub(crate) allow_large: bool,
     #[command(flatten)]
     pub(crate) camera: Camera,
-    #[command(flatten)]
-    pub(crate) engine: EngineSettings,
+}
+
+impl Arguments {
+    /// Refuses options of what is not shown.
+    fn require_shown(&self) -> Result<()> {
+        if self.patch.is_some() && self.show != Show::Row {
+            bail!("`--patch` chooses a row, and `--show row` is not given");
+        }
+        if self.solution.is_some() && !matches!(self.show, Show::Quantity(_)) {
+            bail!("`--solution` is of radiosity, irradiance, flux or temperature, and `--show` names none of them");
+        }
+        Ok(())
+    }
 }
 
 /// Quantity shown by colours.
@@ -89,6 +100,7 @@ impl FromStr for Show {
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Format::of(&arguments.output)?;
+    arguments.require_shown()?;
     crate::report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let patches = store.patch_count() as usize;
@@ -103,7 +115,15 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             Values::Scale(Scale::linear("sky view factor", sky_view_factors_beside(&store)?))
         }
     };
-    let prepared = stored::scene(&store, &arguments.scene, &arguments.engine, arguments.allow_large)?;
+    if arguments.camera.exposure != 0.0 && matches!(values, Values::Scale(_)) {
+        bail!("`--exposure` is of pictures of light in red, green and blue, and this one has a scale");
+    }
+    let prepared = stored::scene(
+        &store,
+        &arguments.scene,
+        &EngineSettings::default(),
+        Limits::of(arguments.allow_large),
+    )?;
     prepared.tell_up(arguments.camera.up, talk);
     let specular = stored::specular(&store, &prepared)?;
     draw(
@@ -111,6 +131,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         &values,
         &arguments.camera,
         specular.as_ref(),
+        None,
         &arguments.output,
     )?;
     let backs = prepared

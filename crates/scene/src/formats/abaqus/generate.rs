@@ -23,7 +23,7 @@ pub(super) enum Refusal {
 }
 
 /// Steps that all rules of a file may take.
-pub(super) const WORK: u64 = 1 << 28;
+pub(super) const WORK: u64 = 1 << 25;
 
 fn spend(work: &mut u64, steps: u64) -> Result<(), Refusal> {
     *work = work.saturating_sub(steps);
@@ -50,8 +50,10 @@ pub(super) struct Places {
 
 impl Places {
     fn of(&mut self, numbers: &[u32], number: u32) -> Option<usize> {
-        for (at, &number) in (0_u32..).zip(numbers).skip(self.known) {
-            self.of.insert(number, at);
+        // Only the new ones are looked at: to skip those before would take time by their square.
+        let new = numbers.get(self.known..).unwrap_or_default();
+        for (at, &number) in (self.known..).zip(new) {
+            self.of.insert(number, narrow(at));
         }
         self.known = numbers.len();
         self.of.get(&number).map(|&at| at as usize)
@@ -255,6 +257,9 @@ impl Builder<'_> {
         if !(fill.bias.is_finite() && fill.bias > 0.0) {
             return malformed("its bias is no number above 0");
         }
+        if fill.step == 0 && fill.intervals > 1 {
+            return malformed("its nodes are all of one number; a step from 1 on is needed");
+        }
         let mut set = NodeSet::default();
         for (&first, &last) in from.iter().zip(&to) {
             let (a, b) = (self.node(first)?, self.node(last)?);
@@ -323,6 +328,7 @@ impl Builder<'_> {
                 others[..mids].reverse();
             }
             let total = self.part.numbers.len() as u64 + 1;
+            spend(self.work, 1)?;
             self.bounds.triangles(total, 0).map_err(Refusal::TooLarge)?;
             if self.part.blocks.last().is_none_or(|block| block.kind != kind) || place(self.part.numbers.len()) == begin
             {

@@ -2,7 +2,7 @@
 
 use super::model::{Instance, Label, Members, Model, NONE, Sides};
 use super::shown;
-use crate::bounds::Bounds;
+use crate::bounds::{Bounds, STEPS_A_COPY};
 use crate::mesh::{Mesh, Shape, Side, Tags};
 use crate::names::Names;
 use crate::polygon::Labels;
@@ -100,6 +100,11 @@ fn too_many() -> Error {
     ))
 }
 
+/// Bytes of a name beside its text, in tables and as an object.
+const NAME: u64 = 96;
+/// Bytes of a node of an instance, with the table of the numbers of its part's.
+const NODE: u64 = 24;
+
 /// Bound of the further sets that elements are in, in all: four bytes each. A choice: a million elements in sixteen sets.
 const MOST_MEMBERSHIPS: u64 = 1 << 24;
 
@@ -176,8 +181,9 @@ impl Resolver {
                     pending.extend(pool.as_chunks::<2>().0.iter().map(inner));
                 }
             }
-            steps += 1 + (cells.len() + pending.len()).saturating_sub(before);
-            self.bounds.steps(std::mem::take(&mut steps) as u64).map_err(|_| {
+            steps += (cells.len() + pending.len()).saturating_sub(before);
+            let spent = STEPS_A_COPY + std::mem::take(&mut steps) as u64;
+            self.bounds.steps(spent).map_err(|_| {
                 Error::new(ErrorKind::TooLarge(
                     "sets of elements that hold each other take too long to be resolved; list their elements once"
                         .to_owned(),
@@ -189,8 +195,21 @@ impl Resolver {
         Ok(cells)
     }
 
-    /// The instances of a part: itself, for what stands outside parts.
-    fn instances(&self, part: u32) -> Vec<u32> {
+    /// The instances of a part: itself, for what stands outside parts. Each is one more copy to look at.
+    fn instances(&mut self, part: u32) -> Result<Vec<u32>, Error> {
+        let found = self.instances_of(part);
+        let steps = self.model.instances.len() as u64 + STEPS_A_COPY * found.len() as u64;
+        self.bounds.steps(steps).map_err(|_| {
+            Error::new(ErrorKind::TooLarge(
+                "sets, surfaces and sections, each of many instances, take too long to be resolved; place fewer copies, \
+                 or allow it (`--allow-large`)"
+                    .to_owned(),
+            ))
+        })?;
+        Ok(found)
+    }
+
+    fn instances_of(&self, part: u32) -> Vec<u32> {
         let is_of = |&at: &u32| {
             self.model
                 .instances
@@ -203,13 +222,16 @@ impl Resolver {
     }
 
     /// A name, with its instance's before it where there are several.
-    fn named(&self, instance: u32, name: &str) -> String {
-        match self.model.instances.get(instance as usize) {
+    fn named(&mut self, instance: u32, name: &str) -> Result<String, Error> {
+        let prefix = self.model.instances.get(instance as usize);
+        let prefix = prefix.map_or(0, |instance| instance.name.len());
+        self.bounds.copied(NAME + (name.len() + prefix) as u64)?;
+        Ok(match self.model.instances.get(instance as usize) {
             Some(instance) if !instance.name.is_empty() && self.model.instances.len() > 2 => {
                 format!("{}.{name}", instance.name)
             }
             _ => name.to_owned(),
-        }
+        })
     }
 
     /// The material of each cell, as numbers of names.
@@ -224,7 +246,7 @@ impl Resolver {
             let material = self.mesh.materials.number(&section.material)?;
             let last = self.model.sets[set as usize].last;
             let instances = if of == NONE {
-                self.instances(section.scope)
+                self.instances(section.scope)?
             } else {
                 vec![of]
             };
@@ -272,7 +294,7 @@ impl Resolver {
                     continue;
                 }
                 let (last, scope, name) = (set.last, set.scope, set.name.clone());
-                for instance in self.instances(scope) {
+                for instance in self.instances(scope)? {
                     let members = self.members(last, instance)?;
                     // A set of all elements tells nothing apart.
                     if pass < 2 && members.len() == cells {
@@ -284,7 +306,7 @@ impl Resolver {
                     if count == 0 && pass > 0 {
                         continue;
                     }
-                    let object = names.number(&self.named(instance, &name))?;
+                    let object = names.number(&self.named(instance, &name)?)?;
                     for cell in members {
                         let object_of = &mut objects[cell as usize];
                         if *object_of == FREE {
@@ -344,12 +366,18 @@ impl Resolver {
     /// Puts the nodes and elements of all instances into the mesh.
     fn cells(&mut self, objects: &[u32], materials: &[u32]) -> Result<(), Error> {
         let mut face = 0;
+        // A part that stands in one place is no copy.
+        let mut placed = vec![false; self.model.parts.len()];
         for instance in &self.model.instances {
             let part = &self.model.parts[instance.part as usize];
             if part.numbers.is_empty() {
                 continue;
             }
             let base = u32::try_from(self.mesh.nodes.len()).map_err(|_| too_many())?;
+            if placed[instance.part as usize] {
+                self.bounds.copied(NODE * part.nodes.len() as u64)?;
+            }
+            placed[instance.part as usize] = true;
             let nodes = tags(&self.model, &part.node_numbers, &part.node_lines, "node")?;
             self.mesh
                 .nodes
@@ -402,9 +430,10 @@ impl Resolver {
         for lines in std::mem::take(&mut self.model.sides) {
             let surface = &self.model.surfaces[lines.surface as usize];
             let (name, scope) = (surface.name.clone(), surface.scope);
-            for instance in self.instances(scope) {
+            for instance in self.instances(scope)? {
                 let cells = self.target(&lines, scope, instance)?;
-                let object = self.mesh.objects.number(&self.named(instance, &name))?;
+                let named = self.named(instance, &name)?;
+                let object = self.mesh.objects.number(&named)?;
                 let of_several = Lost {
                     fate: Fate::Merged,
                     what: "side of several surfaces, put into the first",

@@ -8,8 +8,9 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use roxmltree::Node;
 use std::borrow::Cow;
+use std::collections::HashSet;
 
-pub(super) fn read(bytes: &[u8], bounds: &Bounds, grid: &mut Grid) -> Result<(), Error> {
+pub(super) fn read(bytes: &[u8], bounds: &mut Bounds, grid: &mut Grid) -> Result<(), Error> {
     let begin = find(bytes, b"<AppendedData");
     let document: Cow<'_, [u8]> = match begin {
         Some(begin) => Cow::Owned([&bytes[..begin], b"</VTKFile>"].concat()),
@@ -53,6 +54,7 @@ pub(super) fn read(bytes: &[u8], bounds: &Bounds, grid: &mut Grid) -> Result<(),
             .filter_map(|node| node.attribute("offset")?.trim().parse().ok())
             .collect(),
         inflated: 0,
+        taken: HashSet::new(),
         bounds,
     };
     reader.offsets.sort_unstable();
@@ -141,7 +143,9 @@ struct Reader<'a> {
     offsets: Vec<usize>,
     /// Bytes that came of compressed ones so far.
     inflated: u64,
-    bounds: &'a Bounds,
+    /// Where arrays begin that were read before: pieces may share them.
+    taken: HashSet<usize>,
+    bounds: &'a mut Bounds,
 }
 
 impl Reader<'_> {
@@ -255,8 +259,10 @@ impl Reader<'_> {
                 "offset {offset} lies beyond the end of the file; it is cut short"
             ))
         })?;
+        let again = !self.taken.insert(offset);
         if !base64 {
-            return self.payload(data);
+            let bytes = self.payload(data)?;
+            return self.once_more(again, bytes);
         }
         let after = self.offsets.partition_point(|&other| other <= offset);
         let end = self
@@ -265,7 +271,16 @@ impl Reader<'_> {
             .map_or(data.len(), |next| next - offset)
             .min(data.len());
         let text = data[..end].split(|&byte| byte == b'<').next().unwrap_or_default();
-        self.payload(&decoded(text)?)
+        let bytes = self.payload(&decoded(text)?)?;
+        self.once_more(again, bytes)
+    }
+
+    /// Counts the numbers of an array that was read before.
+    fn once_more(&mut self, again: bool, bytes: Vec<u8>) -> Result<Vec<u8>, Error> {
+        if again {
+            self.bounds.copied(8 * bytes.len() as u64)?;
+        }
+        Ok(bytes)
     }
 
     /// The bytes of an array from what the file has: a count and the bytes, or counts and compressed blocks.
