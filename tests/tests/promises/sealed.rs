@@ -357,7 +357,7 @@ fn what_rests_on_a_closed_body_sees_nothing_of_its_inside() {
     let kept = Kept::new("box on a slab", &scene, |p| p);
     let under = |i: usize| {
         let z = scene[i / 2].0.map(|p| p.z);
-        i / 2 >= 12 && i % 2 == 0 && z.iter().all(|&z| z == 0.2)
+        i / 2 >= 12 && i.is_multiple_of(2) && z.iter().all(|&z| z == 0.2)
     };
     let floors: Vec<usize> = (0..kept.space.len()).filter(|&i| under(i)).collect();
     assert_eq!(floors.len(), 2);
