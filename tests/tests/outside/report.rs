@@ -436,7 +436,11 @@ fn equal_matrices_have_equal_pages_and_damaged_ones_are_told() {
     let (folder, scene) = (folder.path(), cornell().display().to_string());
     line(folder, &format!("compute {scene} --subdivide 2 -o F --no-config"));
     line(folder, &format!("report F {scene} -o a.html"));
-    line(folder, &format!("report F {scene} -o b.html --threads 1"));
+    line(
+        folder,
+        &format!("compute {scene} --subdivide 2 -o F --no-config --overwrite --threads 1"),
+    );
+    line(folder, &format!("report F {scene} -o b.html"));
     let read = |name: &str| std::fs::read(folder.join(name)).expect("a page");
     assert_eq!(read("a.html"), read("b.html"));
     line(folder, &format!("report F {scene} -o c.html --entries 0"));

@@ -362,7 +362,7 @@ mod tests {
         };
         assert_eq!(gain(0.0, 0), 1.0, "of nothing measured, they are usual ones");
         assert_eq!(gain(1e-4, 50), 1.0);
-        assert!((gain(3e-4, 50) - 3.0).abs() < 0.1, "{}", gain(3e-4, 50));
+        assert!((gain(3e-4, 50) - 3.0).abs() < 0.15, "{}", gain(3e-4, 50));
         assert!(gain(3e-4, 1) < 1.6, "one pair is believed a quarter");
         let usual = multiplier_for([pair()].iter(), 1e-7, MEASURED_FROM, RayGain::default());
         let more = multiplier_for([pair()].iter(), 1e-7, MEASURED_FROM, RayGain(3.0));

@@ -918,7 +918,7 @@ mod tests {
              4 - Another file…\n5 - Back",
             "`missing.npz` does not exist",
             "high.npz is there already",
-            "--octree-levels <auto|N>\nDeepest level of the octree, up to 21. A parameter of the thesis",
+            "--octree-levels <auto|N>\nDeepest level of the octree, up to 21. Rows are the same",
             "invalid value '22' for '--octree-levels <auto|N>'",
             "correction      pixel*",
             // Shown before it is run, and again when the configuration changes it.
