@@ -65,6 +65,8 @@ def test_a_file_and_its_arrays_are_the_same_scene(cornell_box: pathlib.Path) -> 
     assert np.array_equal(halved.corners[::2], 0.5 * read.corners)
 
 
+# What is left of a scene, if anything, is warned of before it is refused.
+@pytest.mark.filterwarnings("ignore:left out")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

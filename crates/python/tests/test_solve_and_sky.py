@@ -40,7 +40,8 @@ def test_solutions_are_scipys() -> None:
     count = len(scene)
     reflectance, emission = random.random((count, 2)) * 0.9, random.random((count, 4))
     outside = random.random((count, 4))
-    solution = hemicube.solve(matrix, reflectance, emission, outside=outside, tolerance=1e-10)
+    # Of the matrix as it is: by default both rows of a pair have one number.
+    solution = hemicube.solve(matrix, reflectance, emission, outside=outside, tolerance=1e-10, as_stored=True)
     factors = matrix.to_scipy().astype(float).tocsc()
     # What rows lack of 1 and backs see exchanges nothing: it is given back.
     returned = 1.0 - np.asarray(factors.sum(axis=1)).ravel() - np.nan_to_num(matrix.escaped)
