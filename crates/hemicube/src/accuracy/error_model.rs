@@ -166,7 +166,7 @@ pub struct PriorSums {
     rays: PriorSum,
 }
 
-/// Factor of the variance that rays leave in a scene to that of usual ones ([`variance_of_rays`]): above 1 where many
+/// Factor of the variance that rays leave in a scene to that of usual ones, n^(−5/4): above 1 where many
 /// small occluders lie between two patches, and rays err like independent ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGain(f32);

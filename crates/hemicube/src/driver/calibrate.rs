@@ -4,9 +4,9 @@
 //! the error of visible fractions from one hemicube in this scene, the prior variances
 //! ([`crate::accuracy::correct::PriorVariances`]), and by what factor rays leave more than usual ones
 //! ([`crate::accuracy::error_model::RayGain`]). By these, the multiplier λ at which the sample leaves
-//! [`AIM`] of the tolerance follows. The rows are then done once: where some of their pairs prove worse than expected,
+//! 0.9 of the tolerance follows. The rows are then done once: where some of their pairs prove worse than expected,
 //! λ rises in proportion to the squared error that the rows expect. Nothing is tried twice, and no row is compared with
-//! a better one. Where patches are several elements, the error is that of the patches' matrix ([`share_of_elements`]).
+//! a better one. Where patches are several elements, the error is that of the patches' matrix.
 //! What a row sums to keeps the tolerance by itself, and so do closed forms. Everything depends on the scene, the
 //! settings and the seed, never on a clock.
 //!
