@@ -7,9 +7,9 @@
 //! tell them (`ray_shares`).
 //!
 //! Calibration draws rows by a seed and measures by rays how far visible fractions from one hemicube are off in this
-//! scene: the *prior variances*, by the hemicube's fraction and by the pair's nearness; and how much such rays leave. The
-//! multiplier λ that keeps the tolerance follows from these. It does the rows once, and raises λ where they expect more.
-//! Its result is part of the settings and hashed.
+//! scene: the *prior variances*, by the hemicube's fraction and by the pair's nearness; and how much such rays leave.
+//! The multiplier λ that keeps the tolerance follows from these. Calibration does the rows once, and raises λ where they
+//! expect more. Its result is part of the settings and hashed.
 //!
 //! `refine` does a row. Its pairs are the patches seen by the hemicube, and others found in the tree by bounds of F
 //! (`candidates`). One multiplier λ between rays and squared error holds for the scene; calibration finds it from the

@@ -20,9 +20,9 @@
 //!
 //! Visibility is that of backends ([`crate::backend`]): never the emitter's own surface, nor anything in or below its
 //! plane; of surfaces in one plane the patch with the smaller id; the back of a one-sided surface occludes, and loses
-//! to any patch in its own plane. What rests on a closed surface sees nothing of its inside, as for rows: by coordinates alone,
-//! either may be in front. Rays are traced through a hierarchy with f32 boxes, widened by more than their
-//! rounding, and meet triangles in f64.
+//! to any patch in its own plane. What rests on a closed surface sees nothing of its inside, as for rows
+//! (`visibility::spaces`): by coordinates alone, either may be in front. Rays are traced through a hierarchy with f32
+//! boxes, widened by more than their rounding, and meet triangles in f64.
 //!
 //! Rows through mirrors, panes and images of a cell are those of [`Reference::with_portals`].
 //!

@@ -1,5 +1,5 @@
-//! Sky rows on disk, beside the matrix whose rows lose them: a CSR archive for `scipy.sparse.load_npz`, with more arrays
-//! beside, sealed like a part. `hemicube::sky` computes and writes them.
+//! Sky rows on disk, beside the matrix whose rows lose them: a CSR archive for `scipy.sparse.load_npz`, with more
+//! arrays beside, sealed like a part. `hemicube::sky` computes and writes them.
 
 use super::{Error, HEMICUBE_WEIGHT, Npz, Result, Store, sealed_checksum};
 use serde::Serialize;
@@ -100,8 +100,8 @@ impl StoredSky {
         Ok(sky)
     }
 
-    /// Reads a file of `hemicube::sky::write_sky`: ascending columns within the sky, shares from 0 to 1 that sum to 1 at most in a
-    /// row.
+    /// Reads a file of `hemicube::sky::write_sky`: ascending columns within the sky, shares from 0 to 1 that sum to 1 at
+    /// most in a row.
     ///
     /// # Errors
     /// When it cannot be read, or has changed since it was written.

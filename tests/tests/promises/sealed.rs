@@ -340,9 +340,9 @@ fn what_touches_the_walls_of_a_room_stays_in_sight() {
     }
 }
 
-/// A box of two-sided surfaces that stands on a slab of them, its floor in the plane of the slab's top: by coordinates alone
-/// either may be above the other. The box's floor sees nothing of the slab's inside, and the reference says so too. What the
-/// box's inside sees of its floor is another matter: of two surfaces in one plane, that of the smaller number.
+/// A box of two-sided surfaces that stands on a slab of them, its floor in the plane of the slab's top: by coordinates
+/// alone either may be above the other. The box's floor sees nothing of the slab's inside, and the reference says so.
+/// Not held here: of two surfaces in one plane, the box's inside sees that of the smaller number, not its own floor.
 #[test]
 fn what_rests_on_a_closed_body_sees_nothing_of_its_inside() {
     let body = |low: DVec3, size: DVec3, [inside, outside]: [u32; 2]| {

@@ -203,7 +203,8 @@ impl PriorSums {
         self.rays.count += 1.0;
     }
 
-    /// By what factor rays leave more than usual ones, averaged with 1 as if this came from [`DEFAULT_PAIRS`] pairs more.
+    /// The factor of rays' variance to that of usual ones, averaged with 1 as if this came from [`DEFAULT_PAIRS`] pairs
+    /// more.
     pub(crate) fn ray_gain(&self) -> RayGain {
         if self.rays.weight <= 0.0 {
             return RayGain::default();
@@ -316,7 +317,7 @@ pub(crate) const MEASURED_FROM: f64 = 30.0;
 /// Share of the squared error aimed at that visible fractions may leave; the rest is for closed forms. A choice.
 pub(crate) const FRACTIONS_SHARE: f64 = 0.8;
 /// Share of unmeasured pairs in a row's squared error aimed at. A choice: prior variances are means, and if one point
-/// stands badly for a patch, all of its pairs err at once; with 0.5, the board's rows take some 3 % more steps.
+/// stands badly for a patch, all of its pairs err at once. With less, more pairs are measured; with more, such rows err.
 pub(crate) const UNMEASURED_SHARE: f64 = 0.8;
 /// Standard error of a row's sum in tolerances, at most: three of them stay within the tolerance.
 pub(crate) const ROW_SUM: f64 = 0.33;

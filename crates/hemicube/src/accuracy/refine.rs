@@ -64,7 +64,7 @@ pub struct Refinement {
     pub multiplier: f64,
     /// Mean squared errors of fractions from one hemicube.
     pub priors: PriorVariances,
-    /// By what factor rays leave more variance here than usual ones.
+    /// Factor of the variance that rays leave in this scene to that of usual ones.
     pub gain: RayGain,
     /// True if all pairs are measured and none keeps its hemicube's fraction: for scenes so small that it takes no
     /// time.
@@ -1072,7 +1072,8 @@ fn inverse_area(i: f64, j: f64) -> f64 {
 
 /// Number of pairs of each class, about, at which prior variances are measured in a row.
 const PRIOR_PAIRS: f64 = 16.0;
-/// Rays at each of them, and the first of them, by which the others tell what rays leave in this scene.
+/// Rays at each of them, and the first of them: their difference tells what rays leave in this scene. Choices: fewer tell
+/// less, more take longer.
 const PRIOR_RAYS: usize = 512;
 const PRIOR_FIRST_RAYS: usize = 64;
 /// Bound of the steps of each class in a row. A choice: twice what 16 pairs with a crowded shaft take.

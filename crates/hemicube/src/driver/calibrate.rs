@@ -1,17 +1,16 @@
 //! Settling of a tolerance on a scene, in one pass over a seeded sample of its rows.
 //!
-//! 256 rows, from one hemicube each, tell the norm that the tolerance is relative to. 64 of them, compared with rays, tell
-//! the error of visible fractions from one hemicube in this scene, the prior variances
-//! ([`crate::accuracy::correct::PriorVariances`]), and by what factor rays leave more than usual ones
-//! ([`crate::accuracy::error_model::RayGain`]). By these, the multiplier λ at which the sample leaves
-//! 0.9 of the tolerance follows. The rows are then done once: where some of their pairs prove worse than expected,
-//! λ rises in proportion to the squared error that the rows expect. Nothing is tried twice, and no row is compared with
-//! a better one. Where patches are several elements, the error is that of the patches' matrix.
+//! 256 rows, from one hemicube each, tell the norm that the tolerance is relative to. 64 of them, compared with rays,
+//! tell the error of visible fractions from one hemicube in this scene, the prior variances
+//! ([`crate::accuracy::correct::PriorVariances`]), and the variance that rays leave
+//! ([`crate::accuracy::error_model::RayGain`]). The multiplier λ at which the sample leaves 0.9 of the tolerance follows
+//! from these. The rows are then done once. Where they expect a larger error, the error aimed at shrinks in proportion,
+//! and λ follows anew. Nothing is tried twice, and no row is compared with a better one. Where patches are several elements, the error is that of the patches' matrix.
 //! What a row sums to keeps the tolerance by itself, and so do closed forms. Everything depends on the scene, the
 //! settings and the seed, never on a clock.
 //!
-//! Settling is bounded, as rows are: its rows take 6 · 10⁹ steps, or twice those of a row's bound if these are more, and
-//! what is under way then; eight are done at least, evenly from the sample.
+//! Settling is bounded, as rows are: its rows take 6 · 10⁹ steps, or twice those of a row's bound if these are more,
+//! and what is under way then; eight are done at least, evenly from the sample.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes part of a second; a
 //! stored one would be a second truth.
@@ -86,8 +85,8 @@ const FINE: f64 = 2e-3;
 /// Tolerance that no number of rays keeps, and patches of a scene up to which every pair is then measured by itself.
 const FINEST_OF_RAYS: f64 = 0.99e-5;
 const MANY: usize = 4096;
-/// Part of the tolerance that the sample's rows may have, for the sake of the others. A choice: with less, rows cost more;
-/// with more, fewer scenes keep the tolerance (`scoreboard board`, and `accuracy calibration`).
+/// Part of the tolerance that the sample's rows may have, for the sake of the others. A choice: with less, rows cost
+/// more; with more, fewer scenes keep the tolerance (`scoreboard board`, and `accuracy calibration`).
 const AIM: f64 = 0.9;
 /// Bound of the steps of the rows done; and the same in bounds of a row: the larger counts. About ten seconds of one
 /// thread. Choices.
@@ -101,7 +100,8 @@ const NORM_ENTRIES: usize = 1_000_000;
 const NORM_ROWS_AT_LEAST: usize = 64;
 /// Seed of the sample.
 const SEED: u64 = 0x7E57_0F70;
-/// Pixels along an edge.
+/// Pixels along an edge, at every tolerance: a choice. With fewer, more pairs are seen in part; with more, rendering takes
+/// longer.
 const RESOLUTION: u32 = 128;
 
 /// Columns and form factors of a row.
@@ -216,8 +216,8 @@ struct Sample<'a> {
     /// Places in `rows` of the rows that are done.
     tried: Vec<usize>,
     drawn: RowBlock,
-    /// The patches of elements. The second half of `rows` then are other elements of the patches of the first half, whose
-    /// weights in their patches are here.
+    /// The patches of elements. The second half of `rows` then are other elements of the patches of the first half,
+    /// whose weights in their patches are here.
     grouping: Option<&'a Grouping>,
     weights: Vec<f64>,
 }

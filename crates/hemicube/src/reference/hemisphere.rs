@@ -80,8 +80,8 @@ impl Hemisphere {
         self.differing = [0; 3];
     }
 
-    /// Casts a round of rays from an emitter. `is_apart` tells patches that a closed surface keeps from it: a ray that meets
-    /// one began on that surface, in contact with it, and is blocked there.
+    /// Casts a round of rays from an emitter. `is_apart` tells patches that a closed surface keeps from it: a ray that
+    /// meets one began on that surface, in contact with it, and is blocked there.
     pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64, is_apart: impl Fn(u32) -> bool) {
         let round = self.rays / ROUND;
         each_stratum(emitter, [seed, u64::MAX, round], |stratum, origin, direction| {

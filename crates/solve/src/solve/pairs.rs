@@ -51,7 +51,8 @@ pub enum Reading {
 /// let stored = InMemory::dense(&[vec![0.0, 1.0], vec![0.2, 0.75]]);
 /// let room = Pairs::new(&stored, &[1.0, 4.0], &RowTable::unknown(2), 1)?;
 /// let seen = multiply(&room, &Block::from_fn(2, 1, |patch, _| [1.0, 0.0][patch]), 1)?;
-/// // The ball's row, 1, counts 16 times as much as the room's, 4 × 0.2: they agree on 16.8 / 17, as far as f32 holds 0.2.
+/// // The ball's row, 1, counts 16 times as much as the room's, 4 × 0.2: they agree on 16.8 / 17, as far as f32
+/// // holds 0.2.
 /// assert!((4.0 * seen.of(1)[0] - 16.8 / 17.0).abs() < 1e-8);
 /// # Ok::<(), hemicube_store::Error>(())
 /// ```

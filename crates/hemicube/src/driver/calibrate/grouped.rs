@@ -1,7 +1,7 @@
 //! The norm and the error of a matrix of patches that are several elements, from rows of some elements.
 //!
-//! With w_i = A_i / A_I and f_i an element's form factors, columns added up by patch, i drawn in proportion to w, and k,
-//! among the others, too,
+//! With w_i = A_i / A_I and f_i an element's form factors, columns added up by patch, i drawn in proportion to w, and
+//! k, among the others, too,
 //!
 //! ```text
 //! |Σ_{i∈I} w_i f_i|² = Σ_i w_i² |f_i|² + Σ_{i≠k} w_i w_k f_i·f_k = E_i [ w_i |f_i|² + (1 − w_i) f_i·f_k ]
@@ -93,9 +93,9 @@ fn product(a: &Row, b: &Row) -> f64 {
         .sum()
 }
 
-/// The part of an element's squared error that its patch has, √w. A choice, the geometric mean of independent errors, w,
-/// and of shared ones, 1: with w, patches whose elements look past the same edges would be farther off than asked for;
-/// with 1, patches of a hundred elements would cost ten times the rays.
+/// The part of an element's squared error that its patch has, √w. A choice, the geometric mean of independent errors,
+/// w, and of shared ones, 1: with w, patches whose elements look past the same edges would be farther off than asked
+/// for; with 1, of a hundred equal elements a tenth of the squared error would be asked.
 pub(super) fn share_of_elements(weight: f64) -> f64 {
     weight.clamp(0.0, 1.0).sqrt()
 }
