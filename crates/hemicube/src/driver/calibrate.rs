@@ -389,7 +389,7 @@ impl Sample<'_> {
             at_most,
             rows: done.len(),
             reason: format!(
-                "N = {RESOLUTION}, visible fractions refined until {} are expected on {} rows{}, at most about {}{}",
+                "N = {RESOLUTION}, an error of {} expected by {} sampled rows{}, at most about {}{}",
                 percent(expected),
                 done.len(),
                 self.grouping.map_or_else(String::new, |grouping| format!(
