@@ -333,6 +333,8 @@ pub(crate) struct Converter<'c> {
     met: Vec<u32>,
     /// Patches in all samples of the row.
     seen: Vec<Seen>,
+    /// Patches in other spaces that a sample shows, and their visible weights.
+    apart: Vec<(u32, u32)>,
     exchanges: Option<Exchanges>,
     /// The row's patches, visible fractions and unoccluded A_i F_ij.
     patches: Vec<u32>,
@@ -351,6 +353,7 @@ impl<'c> Converter<'c> {
             ray_shares: None,
             met: Vec::new(),
             seen: Vec::new(),
+            apart: Vec::new(),
             exchanges: match correction {
                 Correction::Area(rule) => Some(Exchanges::new(rule)),
                 Correction::Pixel | Correction::Point | Correction::Tolerance(_) => None,
@@ -391,8 +394,8 @@ impl<'c> Converter<'c> {
         } = rendered;
         let start = part.data.len();
         // By far the most rows of a large scene: no list of samples to sort and to group.
-        let is_plain = hemicubes.len() == 1 && matches!(self.correction, Correction::Area(_));
         let spaces = Spaces::of(model);
+        let is_plain = hemicubes.len() == 1 && matches!(self.correction, Correction::Area(_)) && !spaces.overlap();
         let view = View {
             model,
             emitter: emitter.0,
@@ -608,9 +611,14 @@ impl<'c> Converter<'c> {
         for (sample, row) in (0u32..).zip(rows) {
             *view.outside(&mut sums) += u64::from(row.escaped);
             sums.blocked += u64::from(row.blocked);
+            let first = self.seen.len();
+            self.apart.clear();
             for ((&patch, &visible), &covered) in row.patches.iter().zip(row.visible).zip(row.covered) {
                 if view.spaces.separate(view.emitter, patch) {
                     sums.blocked += u64::from(visible);
+                    if visible > 0 && view.spaces.overlap() {
+                        self.apart.push((patch, visible));
+                    }
                 } else if receives(patch) {
                     sums.visible += u64::from(visible);
                     if (visible, covered) == (0, 0) && view.lies_in_plane_of(sample, patch) {
@@ -626,8 +634,83 @@ impl<'c> Converter<'c> {
                     sums.unselected += u64::from(visible);
                 }
             }
+            if !self.apart.is_empty() {
+                self.give_to_own(view, sample, first, receives, &mut sums);
+            }
         }
         sums
+    }
+
+    /// Gives the pixels of patches in other spaces to the patches of the emitter's own space that lie on them, in
+    /// proportion to the closed forms of what they have in common. `first`: where the sample's patches begin in `seen`.
+    fn give_to_own(
+        &mut self,
+        view: &View<'_>,
+        sample: u32,
+        first: usize,
+        receives: &impl Fn(u32) -> bool,
+        sums: &mut RowSums,
+    ) {
+        let Some(hemicube) = view.hemicubes.get(sample as usize) else {
+            return;
+        };
+        let count = self.seen.len();
+        let center = || std::iter::once((hemicube.origin, hemicube.axes[2]));
+        let mut own: Vec<(usize, f64)> = Vec::new();
+        for &(apart, weight) in &self.apart {
+            own.clear();
+            for (patch, common) in view.spaces.own_at(view.emitter, apart) {
+                let of_row = self.seen[first..].iter().position(|seen| seen.patch == patch);
+                let at = first + of_row.unwrap_or(self.seen.len() - first);
+                if of_row.is_none() {
+                    // No pixel shows it: what it covers is its closed form.
+                    let factor = self.points.evaluate(center(), &view.model.normalised_corners(patch))[0];
+                    #[allow(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        reason = "a share of WHOLE"
+                    )]
+                    let covered = (factor * f64::from(WHOLE)).round() as u32;
+                    self.seen.push(Seen {
+                        patch,
+                        sample,
+                        visible: 0,
+                        covered,
+                    });
+                }
+                let fan = (2..common.len()).map(|k| [common[0], common[k - 1], common[k]]);
+                own.push((at, fan.map(|part| self.points.evaluate(center(), &part)[0]).sum()));
+            }
+            let mut left = own.iter().map(|&(_, factor)| factor).sum::<f64>();
+            let mut weight = weight;
+            for &(at, factor) in own.iter().filter(|&&(_, factor)| factor > 0.0) {
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "part of a weight"
+                )]
+                let given = (f64::from(weight) * (factor / left).min(1.0)).round() as u32;
+                left -= factor;
+                weight -= given;
+                let seen = &mut self.seen[at];
+                seen.visible += given;
+                sums.blocked -= u64::from(given);
+                if receives(seen.patch) {
+                    sums.visible += u64::from(given);
+                } else {
+                    sums.unselected += u64::from(given);
+                }
+            }
+        }
+        // In ascending order, without what has no column or no pixel after all.
+        if self.seen.len() > count {
+            let mut at = 0;
+            self.seen.retain(|seen| {
+                at += 1;
+                at <= count || (seen.visible > 0 && receives(seen.patch))
+            });
+            self.seen[first..].sort_unstable();
+        }
     }
 
     /// The level *pixel*.

@@ -172,6 +172,7 @@ impl RayShares {
         let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
         let spaces = Spaces::of(emitter.model);
         let is_closed = spaces.is_closed(emitter.patch.0);
+        let is_apart = |id| id >= tree.patch_count || spaces.separate(emitter.patch.0, id);
         let mut pending = Vec::new();
         for at in (self.rays..wanted).step_by(BATCH) {
             let u = sequence.points(at);
@@ -185,11 +186,11 @@ impl RayShares {
                 WideTree::begin(&mut pending);
                 let segment = Segment::new(ends[0], ends[1], tree.plane_tolerance);
                 let next = |until: f64| wide.next(&segment, until, &mut pending);
-                let met = nearest_of(&tree, ends, &horizon, next, &mut self.blocks);
+                let met = nearest_of(&tree, ends, &horizon, is_apart, next, &mut self.blocks);
                 match met.map(|met| met.id) {
                     // A ray that leaves a closed space went through a seam of its walls, to their backs.
                     None => self.met[usize::from(is_closed)] += 1,
-                    Some(id) if id >= tree.patch_count || spaces.separate(emitter.patch.0, id) => self.met[1] += 1,
+                    Some(id) if is_apart(id) => self.met[1] += 1,
                     Some(id) => self.met[2] += u32::from(!receives(id)),
                 }
             }

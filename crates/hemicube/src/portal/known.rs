@@ -68,7 +68,7 @@ impl KnownLegs {
         pending: &mut Vec<u32>,
     ) -> Option<Met> {
         if self.legs.is_empty() {
-            return nearest(tree, start, end, horizon, pending);
+            return nearest(tree, [start, end], horizon, |_| false, pending);
         }
         let key = key(start, end, horizon);
         let first = place(&key);
@@ -90,7 +90,7 @@ impl KnownLegs {
                 });
             }
         }
-        let met = nearest(tree, start, end, horizon, pending);
+        let met = nearest(tree, [start, end], horizon, |_| false, pending);
         if let Some(at) = free {
             let (slot, id, place) = met.map_or((NOTHING, 0, 0.0), |met| (met.slot, met.id, met.place));
             self.legs[at] = Leg {

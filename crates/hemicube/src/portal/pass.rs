@@ -751,7 +751,13 @@ impl<const N: usize> Passes<N> {
             return NOTHING;
         }
         let from = view.eye + towards * distance;
-        let met = nearest(&self.tree, from, from + towards * FAR, &view.horizon, &mut self.rays);
+        let met = nearest(
+            &self.tree,
+            [from, from + towards * FAR],
+            &view.horizon,
+            |_| false,
+            &mut self.rays,
+        );
         met.map_or(NOTHING, |met| met.id)
     }
 }

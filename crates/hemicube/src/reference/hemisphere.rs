@@ -85,28 +85,29 @@ impl Hemisphere {
     pub(super) fn round(&mut self, occluders: &Occluders, emitter: &Sight, seed: u64, is_apart: impl Fn(u32) -> bool) {
         let round = self.rays / ROUND;
         each_stratum(emitter, [seed, u64::MAX, round], |stratum, origin, direction| {
-            self.met[stratum as usize] = match occluders.first_counted(emitter, origin, direction, &mut self.tests) {
-                Met::Nothing => {
-                    self.escaped += 1;
-                    Share::Escaped
-                }
-                Met::Back => {
-                    self.blocked += 1;
-                    Share::Blocked
-                }
-                Met::Patch(patch) if is_apart(patch) => {
-                    self.blocked += 1;
-                    Share::Blocked
-                }
-                Met::Patch(patch) => {
-                    let hits = &mut self.hits[patch as usize];
-                    if *hits == 0 {
-                        self.found.push(patch);
+            self.met[stratum as usize] =
+                match occluders.first_counted(emitter, [origin, direction], &is_apart, &mut self.tests) {
+                    Met::Nothing => {
+                        self.escaped += 1;
+                        Share::Escaped
                     }
-                    *hits += 1;
-                    Share::Found
-                }
-            };
+                    Met::Back => {
+                        self.blocked += 1;
+                        Share::Blocked
+                    }
+                    Met::Patch(patch) if is_apart(patch) => {
+                        self.blocked += 1;
+                        Share::Blocked
+                    }
+                    Met::Patch(patch) => {
+                        let hits = &mut self.hits[patch as usize];
+                        if *hits == 0 {
+                            self.found.push(patch);
+                        }
+                        *hits += 1;
+                        Share::Found
+                    }
+                };
         });
         for pair in self.met.chunks_exact(2) {
             let differs = |is: fn(Share) -> bool| u64::from(is(pair[0]) != is(pair[1]));

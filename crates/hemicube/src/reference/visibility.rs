@@ -6,6 +6,7 @@
 use crate::Model;
 use crate::frame;
 use crate::geometry;
+use crate::visibility::spaces::Spaces;
 use glam::{DVec3, Vec3A};
 use hemicube_scene::InputPatch;
 use obvhs::BvhBuildParams;
@@ -13,6 +14,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::ray::{Ray, RayHit};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Margin by which boxes are widened: a few f32 roundings (6e-8) over a path of at most 2√3, in normalised units.
@@ -127,6 +129,7 @@ pub(super) struct Occluders {
     /// In the hierarchy's order.
     occluders: Vec<Occluder>,
     tolerance: f64,
+    spaces: Arc<Spaces>,
 }
 
 impl std::fmt::Debug for Occluders {
@@ -179,6 +182,7 @@ impl Occluders {
             hierarchy,
             occluders,
             tolerance: geometry.plane_tolerance,
+            spaces: Spaces::of(model),
         }
     }
 
@@ -189,11 +193,18 @@ impl Occluders {
 
     /// The first hit of the ray from a point of the emitter; `direction` of unit length.
     pub(super) fn first(&self, emitter: &Sight, origin: DVec3, direction: DVec3) -> Met {
-        self.first_counted(emitter, origin, direction, &mut 0)
+        self.first_counted(emitter, [origin, direction], |_| false, &mut 0)
     }
 
-    /// [`Self::first`]; adds the triangles that the ray was held against to `tests`.
-    pub(super) fn first_counted(&self, emitter: &Sight, origin: DVec3, direction: DVec3, tests: &mut u64) -> Met {
+    /// [`Self::first`] of a ray's origin and direction; of surfaces in one plane, a patch that `is_apart` names comes
+    /// after all others. Adds the triangles that the ray was held against to `tests`.
+    pub(super) fn first_counted(
+        &self,
+        emitter: &Sight,
+        [origin, direction]: [DVec3; 2],
+        is_apart: impl Fn(u32) -> bool,
+        tests: &mut u64,
+    ) -> Met {
         let mut nearest = f64::INFINITY;
         // The first hit so far, its distance along the ray, and its surface.
         let mut best: Option<(Met, f64, &Occluder)> = None;
@@ -219,7 +230,7 @@ impl Occluders {
                 }
                 Some((met, ..)) => match (met, found) {
                     (_, Met::Back | Met::Nothing) => false,
-                    (Met::Patch(old), Met::Patch(new)) => new < old,
+                    (Met::Patch(old), Met::Patch(new)) => (is_apart(new), new) < (is_apart(old), old),
                     (_, Met::Patch(_)) => true,
                 },
             };
@@ -276,7 +287,9 @@ impl Occluders {
                 .iter()
                 .all(|&c| receiver.height(c).abs() <= self.tolerance);
             if in_plane {
-                return occluder.side(determinant).is_some_and(|patch| patch < receiver.patch);
+                // Of two spaces, each sees its own.
+                let is_before = |patch| patch < receiver.patch && !self.spaces.separate(patch, receiver.patch);
+                return occluder.side(determinant).is_some_and(is_before);
             }
             t < 1.0
         };

@@ -14,6 +14,7 @@ use crate::Model;
 use crate::backend::{Geometry, Surface};
 use crate::bvh::{Tree, overlap};
 use crate::geometry::cross;
+use crate::visibility::spaces::Spaces;
 use crate::visibility::wide::WideTree;
 use glam::DVec3;
 use hemicube_scene::InputPatch;
@@ -51,6 +52,7 @@ pub(crate) struct CoplanarRegions {
     /// Each region's pieces, as indices into the scene's surfaces, from `piece_start[region]` on.
     pieces: Vec<u32>,
     piece_start: Vec<u32>,
+    spaces: Arc<Spaces>,
 }
 
 impl CoplanarRegions {
@@ -131,7 +133,14 @@ impl CoplanarRegions {
             unevenness: Vec::new(),
             pieces: Vec::with_capacity(geometry.surfaces.len()),
             piece_start: vec![0],
+            spaces: Spaces::of_geometry(geometry),
         }
+    }
+
+    /// Returns whether a patch is seen in place of `receiver` where the two lie on each other: of one space, the smaller
+    /// id is seen. Of two spaces, each sees its own.
+    pub(crate) fn is_seen_before(&self, patch: InputPatch, receiver: u32) -> bool {
+        patch.0 < receiver && !self.spaces.separate(patch.0, receiver)
     }
 
     /// Builds the tree over the triangles that the regions fall into.

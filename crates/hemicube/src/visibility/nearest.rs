@@ -20,8 +20,15 @@ pub(crate) struct Met {
 }
 
 /// The first triangle on a segment, of those rising above `horizon`. Of triangles in one plane at one place,
-/// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs.
-pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pending: &mut Vec<u32>) -> Option<Met> {
+/// as the walls of neighbouring buildings, the smallest id: ids of patches are smaller than those of backs. Ids that
+/// `is_apart` names come after all others there.
+pub(crate) fn nearest(
+    tree: &Tree,
+    [start, end]: [DVec3; 2],
+    horizon: &Plane,
+    is_apart: impl Fn(u32) -> bool,
+    pending: &mut Vec<u32>,
+) -> Option<Met> {
     pending.clear();
     pending.push(0);
     let mut segment = Segment::new(start, end, tree.plane_tolerance);
@@ -34,7 +41,7 @@ pub(crate) fn nearest(tree: &Tree, start: DVec3, end: DVec3, horizon: &Plane, pe
         next_block(tree, &segment, pending)
     };
     let mut blocks = 0;
-    let met = nearest_of(tree, [start, end], horizon, next, &mut blocks);
+    let met = nearest_of(tree, [start, end], horizon, is_apart, next, &mut blocks);
     // And the way to where there is none.
     steps::add(STEPS_A_MET_BLOCK * (blocks + 1));
     met
@@ -45,6 +52,7 @@ pub(crate) fn nearest_of(
     tree: &Tree,
     [start, end]: [DVec3; 2],
     horizon: &Plane,
+    is_apart: impl Fn(u32) -> bool,
     mut next: impl FnMut(f64) -> Option<u32>,
     blocks: &mut u64,
 ) -> Option<Met> {
@@ -78,7 +86,7 @@ pub(crate) fn nearest_of(
             let tie = found.tie(along, tree.plane_tolerance);
             let wins = first.is_none_or(|first| {
                 if (found.place - first.place).abs() <= tie && found.is_in_plane_with(&first, tree.plane_tolerance) {
-                    found.id < first.id
+                    (is_apart(found.id), found.id) < (is_apart(first.id), first.id)
                 } else {
                     found.place < first.place
                 }

@@ -68,7 +68,7 @@ impl<'a> Segments<'a> {
     }
 
     /// Returns whether a region crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, by
-    /// lying in the receiver's plane with a smaller id. Walks down the tree along the segment.
+    /// lying in the receiver's plane and being seen before it. Walks down the tree along the segment.
     pub(crate) fn is_stopped(&mut self, start: DVec3, end: DVec3, at: DVec3) -> bool {
         let wide = &self.obstacles.regions.wide;
         let segment = Segment::new(start, end, self.tolerance);
@@ -108,7 +108,7 @@ impl<'a> Segments<'a> {
         })
     }
 
-    /// Returns whether a surface in the receiver's plane hides a point of it: of patches there the smaller id is seen.
+    /// Returns whether a surface in the receiver's plane hides a point of it.
     fn lies_over(&self, surface: &Surface, at: DVec3) -> bool {
         let plane = &self.planes[1];
         let [a, b, c] = surface.corners;
@@ -118,7 +118,7 @@ impl<'a> Segments<'a> {
         } else {
             surface.back
         };
-        id.is_some_and(|id| id.0 < self.receiver)
+        id.is_some_and(|id| self.obstacles.regions.is_seen_before(id, self.receiver))
             && surface.corners.iter().all(|&p| plane.height(p).abs() <= self.tolerance)
             && [(a, b), (b, c), (c, a)]
                 .iter()

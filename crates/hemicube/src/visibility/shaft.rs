@@ -289,14 +289,15 @@ impl TrianglePair {
         }
     }
 
-    /// Lists a surface in the receiver's plane if it hides part of it: of patches in one plane, the smaller id is seen.
-    fn list_coplanar(&mut self, surface: &Surface, receiver: u32, plane: &Plane, tolerance: f64, side: f64) {
+    /// Lists a surface in the receiver's plane if it hides part of it.
+    fn list_coplanar(&mut self, surface: &Surface, regions: &CoplanarRegions, receiver: u32, plane: &Plane, side: f64) {
+        let tolerance = regions.tree.plane_tolerance;
         let triangle = surface.corners.map(|p| p - self.origin);
         let faces = geometry::cross(&triangle).dot(plane.normal) > 0.0;
         let Some(id) = (if faces { Some(surface.front) } else { surface.back }) else {
             return;
         };
-        if id.0 < receiver
+        if regions.is_seen_before(id, receiver)
             && triangle.iter().all(|&p| plane.height(p).abs() <= tolerance)
             && overlap(&triangle, &self.receiver, plane.normal, side)
             && !self.coplanar.contains(&triangle)
@@ -515,7 +516,7 @@ impl Shaft {
                     // In the receiver's plane, or below it at one end.
                     if lowest >= -tolerance && overlap(&[a, b, c], &pair.receiver, receiver_plane.normal, side) {
                         for &piece in regions.pieces(region) {
-                            pair.list_coplanar(&surfaces[piece as usize], receiver, &receiver_plane, tolerance, side);
+                            pair.list_coplanar(&surfaces[piece as usize], regions, receiver, &receiver_plane, side);
                         }
                     }
                     continue;

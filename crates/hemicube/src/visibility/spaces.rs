@@ -12,6 +12,9 @@
 //!    eq. 1 to 5; solid angles by Van Oosterom & Strackee 1983, eq. 8). Sets without a difference are joined.
 //! 4. The sets that are left are the spaces.
 //!
+//! Surfaces of two spaces may lie on each other, as a cabinet's bottom on a floor. What a row sees there is the surface
+//! of its own space, though pixels and rays cannot tell which of the two is in front ([`Spaces::own_at`]).
+//!
 //! Each step joins rather than separates where it is in doubt: what is lost then is a proof, never a form factor. Corners
 //! are shared if their coordinates are equal; along free edges, if they are within the scene's tolerance, and a corner
 //! on another surface's free edge divides that edge (a T-junction).
@@ -22,8 +25,8 @@
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
-use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
-use crate::geometry::{Plane, centroid, cross};
+use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED, overlap};
+use crate::geometry::{Plane, centroid, clip, cross};
 use crate::sampling::splitmix;
 use crate::visibility::coplanar::number_corners;
 use crate::visibility::nearest::nearest;
@@ -61,16 +64,27 @@ pub(crate) struct Spaces {
     of_patch: Vec<u32>,
     /// Whether each space is closed: nothing that leaves a patch in it leaves the scene.
     is_closed: Vec<bool>,
+    /// Pairs of patches in two spaces that lie on each other and face the same way, in both orders, ascending.
+    on_each_other: Vec<OnEachOther>,
+}
+
+/// Two patches that lie on each other, and what they have in common.
+#[derive(Clone, Debug)]
+struct OnEachOther {
+    patches: (u32, u32),
+    /// A convex polygon, counter-clockwise as seen from their side.
+    common: Vec<DVec3>,
 }
 
 impl Spaces {
     /// The spaces of a model, found at the first call and shared from then on.
     pub(crate) fn of(model: &Model) -> Arc<Self> {
-        model.geometry().kept(Self::new)
+        Self::of_geometry(model.geometry())
     }
 
-    fn new(geometry: &Geometry) -> Self {
-        Sheets::of(geometry).spaces().unwrap_or_default()
+    /// [`Self::of`] a model of this geometry.
+    pub(crate) fn of_geometry(geometry: &Geometry) -> Arc<Self> {
+        geometry.kept(|geometry| Sheets::of(geometry).spaces().unwrap_or_default())
     }
 
     /// Returns whether a closed surface keeps two patches apart.
@@ -82,6 +96,25 @@ impl Spaces {
     /// Returns whether a patch faces a closed space that is not the whole scene's only one.
     pub(crate) fn is_closed(&self, patch: u32) -> bool {
         !self.of_patch.is_empty() && self.is_closed[self.of_patch[patch as usize] as usize]
+    }
+}
+
+impl Spaces {
+    /// Returns whether patches of two spaces lie on each other and face the same way.
+    pub(crate) fn overlap(&self) -> bool {
+        !self.on_each_other.is_empty()
+    }
+
+    /// The patches in the space that `emitter` faces that lie on a patch of another space and face the same way, each
+    /// with what the two have in common: a convex polygon.
+    pub(crate) fn own_at(&self, emitter: u32, patch: u32) -> impl Iterator<Item = (u32, &[DVec3])> {
+        let from = self.on_each_other.partition_point(|pair| pair.patches.0 < patch);
+        let of_patch = self.on_each_other[from..]
+            .iter()
+            .take_while(move |pair| pair.patches.0 == patch);
+        of_patch
+            .filter(move |pair| !self.separate(emitter, pair.patches.1))
+            .map(|pair| (pair.patches.1, &*pair.common))
     }
 }
 
@@ -217,7 +250,12 @@ impl<'g> Sheets<'g> {
         let outside = self.outside();
         let outside = self.sets.find(outside);
         let is_closed = fronts.iter().map(|&set| set != outside).collect();
-        Some(Spaces { of_patch, is_closed })
+        let on_each_other = self.on_each_other(&of_patch)?;
+        Some(Spaces {
+            of_patch,
+            is_closed,
+            on_each_other,
+        })
     }
 
     /// The sets with a patch, ascending.
@@ -527,7 +565,8 @@ impl<'g> Sheets<'g> {
                 let squared = random();
                 let (sin, cos) = (std::f64::consts::TAU * random()).sin_cos();
                 let towards = (x * cos + y * sin) * squared.sqrt() + normal * (1.0 - squared).sqrt();
-                match nearest(&tree, from, from + towards * FAR, &horizon, &mut pending) {
+                let ends = [from, from + towards * FAR];
+                match nearest(&tree, ends, &horizon, |_| false, &mut pending) {
                     None => self.sets.join(side, outside),
                     Some(met) => {
                         let seen = self.surface_of_slot[met.slot as usize];
@@ -536,7 +575,12 @@ impl<'g> Sheets<'g> {
                         }
                         let normal = cross(&geometry.surfaces[seen as usize].corners);
                         let is_front = normal.dot(towards) < 0.0;
-                        self.sets.join(side, 2 * seen + u32::from(!is_front));
+                        let seen = 2 * seen + u32::from(!is_front);
+                        // Of surfaces that lie on each other, nobody knows there which one was met.
+                        let at = from + (ends[1] - from) * met.place;
+                        if !self.is_covered(seen, at, &mut pending) {
+                            self.sets.join(side, seen);
+                        }
                     }
                 }
             }
@@ -607,6 +651,61 @@ impl<'g> Sheets<'g> {
             }
         }
         true
+    }
+
+    /// Pairs of patches in two spaces that lie on each other and face the same way, in both orders, ascending; `None`
+    /// where the bound is met.
+    fn on_each_other(&mut self, of_patch: &[u32]) -> Option<Vec<OnEachOther>> {
+        let geometry = self.geometry;
+        let reach = DVec3::splat(self.tolerance);
+        let (mut pending, mut found) = (Vec::new(), Vec::new());
+        for (s, surface) in (0u32..).zip(&geometry.surfaces) {
+            let normal = cross(&surface.corners).normalize_or_zero();
+            let mut bounds = Bounds::of(surface.corners);
+            (bounds.low, bounds.high) = (bounds.low - reach, bounds.high + reach);
+            let is_within = self.blocks_in(&bounds, &mut pending, |sheets, other| {
+                if other <= s {
+                    return;
+                }
+                let other = &geometry.surfaces[other as usize];
+                let along = cross(&other.corners).normalize_or_zero().dot(normal);
+                let is_in_plane = |corner: &DVec3| normal.dot(*corner - surface.corners[0]).abs() <= sheets.tolerance;
+                if along.abs() <= PARALLEL
+                    || !other.corners.iter().all(is_in_plane)
+                    || !overlap(&surface.corners, &other.corners, normal, sheets.tolerance)
+                {
+                    return;
+                }
+                let patches = |surface: &Surface| [Some(surface.front.0), surface.back.map(|back| back.0)];
+                let (own, mut others) = (patches(surface), patches(other));
+                if along < 0.0 {
+                    others.reverse();
+                }
+                for (side, (p, q)) in own.into_iter().zip(others).enumerate() {
+                    if let (Some(p), Some(q)) = (p, q)
+                        && of_patch[p as usize] != of_patch[q as usize]
+                    {
+                        let mut common = common(&surface.corners, &other.corners, normal);
+                        if side == 1 {
+                            common.reverse();
+                        }
+                        found.push(OnEachOther {
+                            patches: (p, q),
+                            common: common.clone(),
+                        });
+                        found.push(OnEachOther {
+                            patches: (q, p),
+                            common,
+                        });
+                    }
+                }
+            });
+            if !is_within {
+                return None;
+            }
+        }
+        found.sort_unstable_by_key(|pair| pair.patches);
+        Some(found)
     }
 
     /// Joins sets about which all closed sheets have the same winding numbers; `None` where the bound is met.
@@ -763,6 +862,20 @@ impl Closed {
         let winding = ((sum - integer).abs() <= INTEGER).then_some(integer as i64);
         Some(winding)
     }
+}
+
+/// What two triangles in one plane of that normal have in common: a convex polygon.
+fn common(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3) -> Vec<DVec3> {
+    let turns = cross(q).dot(normal);
+    let (mut polygon, mut clipped) = (p.to_vec(), Vec::new());
+    for k in 0..3 {
+        let (from, to) = (q[k], q[(k + 1) % 3]);
+        let inwards = normal.cross(to - from) * turns;
+        clipped.clear();
+        clip(&polygon, |corner| inwards.dot(corner - from), &mut clipped);
+        std::mem::swap(&mut polygon, &mut clipped);
+    }
+    polygon
 }
 
 /// The surfaces that end at each edge, by edge; none of an edge without length.
