@@ -243,7 +243,7 @@ def settings(peer, count):
         return ["default"] if count <= 4000 else []
     if peer == "raystrack":
         return ["density=1"] if count <= 1500 else []
-    return ["--correction area", "--tolerance 1%", "--tolerance 0.3%"]
+    return ["--tolerance 2%", "--tolerance 1%", "--tolerance 0.3%"]
 
 
 def main():

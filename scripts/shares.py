@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 SHARES = ["row_sum", "escaped", "blocked", "unselected"]
-LEVELS = [("default", ["--correction", "area"], 0.02), ("1 %", ["--tolerance", "1%"], 0.01)]
+LEVELS = [("default", [], 0.02), ("1 %", ["--tolerance", "1%"], 0.01)]
 REFERENCE = ["--tolerance", "0.1%"]
 
 

@@ -15,7 +15,6 @@ use glam::{DVec3, Vec3A};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::factor::FactorRule;
 use hemicube::reference::{
     EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against, noise_of,
 };
@@ -43,14 +42,11 @@ const SEED: u64 = 777;
 const ENOUGH_SECONDS: f64 = 0.7;
 
 /// A rung: its name, the correction, N, and n of n² hemicubes.
-const RUNGS: [(&str, Rung, u32, u32); 9] = [
+const RUNGS: [(&str, Rung, u32, u32); 6] = [
     ("pixel, K = 1, N = 256", Rung::Pixel, 256, 1),
     ("pixel, K = 4, N = 256", Rung::Pixel, 256, 2),
     ("pixel, K = 16, N = 256", Rung::Pixel, 256, 4),
-    ("area, K = 1, N = 64", Rung::Area, 64, 1),
-    ("area, K = 1, N = 128", Rung::Area, 128, 1),
-    ("area, K = 4, N = 128", Rung::Area, 128, 2),
-    ("area, K = 16, N = 128", Rung::Area, 128, 4),
+    ("tolerance 2 %", Rung::Tolerance(2e-2), 128, 1),
     ("tolerance 1 %", Rung::Tolerance(1e-2), 128, 1),
     ("tolerance 0.3 %", Rung::Tolerance(3e-3), 128, 1),
 ];
@@ -58,7 +54,6 @@ const RUNGS: [(&str, Rung, u32, u32); 9] = [
 #[derive(Clone, Copy)]
 enum Rung {
     Pixel,
-    Area,
     Tolerance(f64),
 }
 
@@ -163,7 +158,6 @@ fn ladder(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>
             }
             let (correction, resolution) = match kind {
                 Rung::Pixel => (Correction::Pixel, resolution),
-                Rung::Area => (Correction::Area(FactorRule::for_tolerance(1e-2)), resolution),
                 Rung::Tolerance(tolerance) => {
                     let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
                     (Correction::Tolerance(settled.refinement), settled.resolution)
@@ -374,17 +368,12 @@ fn rays(rows: u32, scenes: &[String]) -> Result<(), Box<dyn std::error::Error>> 
             by_embree = Some((ready, made));
         }
         for (setting, tolerance) in [
-            ("area, K = 1, N = 128", None),
-            ("tolerance 1 %", Some(1e-2)),
-            ("tolerance 0.3 %", Some(3e-3)),
+            ("tolerance 2 %", 2e-2),
+            ("tolerance 1 %", 1e-2),
+            ("tolerance 0.3 %", 3e-3),
         ] {
-            let (correction, resolution) = match tolerance {
-                None => (Correction::Area(FactorRule::for_tolerance(1e-2)), 128),
-                Some(tolerance) => {
-                    let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
-                    (Correction::Tolerance(settled.refinement), settled.resolution)
-                }
-            };
+            let settled = settled(&model, tolerance, &mut CpuBackend::new())?;
+            let (correction, resolution) = (Correction::Tolerance(settled.refinement), settled.resolution);
             let (seconds, m) = measure(&model, rows, correction, resolution, 1, &exact)?;
             let cells = |runs: &Runs| runs.cells(m.relative_frobenius, seconds).join(" | ");
             print!(

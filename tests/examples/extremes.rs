@@ -199,7 +199,7 @@ fn by_quadrature(model: &Model, emitter: InputPatch) -> ReferenceRow {
 fn rungs(model: &Model) -> [(&'static str, Rung); 3] {
     [
         ("pixel", Rung::PIXEL),
-        ("area", Rung::area()),
+        ("tolerance 2 %", Rung::usual(model)),
         ("tolerance 1 %", Rung::settled(model, 1e-2)),
     ]
 }

@@ -1,22 +1,16 @@
-//! Measures the tables and constants of the error model anew, and prints them beside the committed ones.
+//! Measures the constants of the error model anew, and prints them beside the committed ones.
 //!
-//! `fit_error_model [ROWS]`: over a block city and a real tile, each uncut and cut, ROWS (default: 200) rows of each
-//! for prior variances, every ROWSth patch for rays. `scripts/fit-error-model` runs it. Times are of this machine.
+//! `fit_error_model [ROWS]`: over a block city and a real tile, each uncut and cut, pairs of a sixteenth of ROWS (default:
+//! 200) patches. `scripts/fit-error-model` runs it. Times are of this machine.
 #![allow(clippy::print_stdout, reason = "an example prints")]
 
 use hemicube::Model;
-use hemicube::accuracy::error_model::PriorSums;
-use hemicube::accuracy::fit::{Fitted, RayMeasurements, add_priors, priors};
-use hemicube::backend::RenderSettings;
+use hemicube::accuracy::fit::{Fitted, RayMeasurements};
 use hemicube_scene::Subdivision;
 use hemicube_scene::generate::BlockCityParameters;
-use hemicube_tests::rows::{hemicubes, render, settings, spread};
 use hemicube_tests::scenes::{model, read, scenes_or_skip};
 
 const TILE: &str = "city/denhaag-8897.obj";
-/// Pixels along an edge of a face, as at the level *area*.
-const RESOLUTION: u32 = 128;
-
 fn block_city(split: u32) -> Model {
     let parameters = BlockCityParameters {
         blocks: 25,
@@ -40,26 +34,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         tile(Subdivision::None),
         tile(Subdivision::Levels(2)),
     ];
-    let (mut sums, mut rays) = (PriorSums::default(), RayMeasurements::default());
+    let mut rays = RayMeasurements::default();
     for model in scenes.iter().flatten() {
-        let mut emitters = spread(model, rows);
-        emitters.retain(|&patch| !hemicubes(model, &[patch]).is_empty());
-        let settings = RenderSettings {
-            covered: true,
-            ..settings(RESOLUTION)
-        };
-        let (block, _) = render(model, &hemicubes(model, &emitters), settings);
-        let of_emitters = emitters.iter().enumerate();
-        add_priors(
-            model,
-            of_emitters.map(|(k, &emitter)| (emitter, block.row(k))),
-            &mut sums,
-        );
         rays.add(model, model.patches().len() / (rows / 16).max(1) + 1);
     }
     println!("| constant | committed | measured | measured ÷ committed | pairs |");
     println!("|---|---|---|---|---|");
-    for fitted in priors(&sums).into_iter().chain(rays.fitted()) {
+    for fitted in rays.fitted() {
         let Fitted {
             name,
             committed,

@@ -2,13 +2,14 @@
 //! seeded sample of rows and the rows of the largest patches; the slowest row, and its share of a whole run's time.
 //!
 //! `row_costs [ROWS [SCENE…]]`: ROWS of the sample (default 200); SCENE is a path below the folder of real scenes or
-//! any other path. With `RUNGS=WORD,WORD`, only those of pixel, point, area, tolerance. Memory, and time a rung (a
+//! any other path. With `RUNGS=WORD,WORD`, only those of pixel, default (2 %), tolerance (1 %). Memory, and time a rung (a
 //! minute or so), are bounded by the number of rows.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
+use hemicube::driver::level::DEFAULT_TOLERANCE;
 use hemicube::store::Part;
 use hemicube::{InputPatch, Model};
 use hemicube_backend_cpu::CpuBackend;
@@ -42,7 +43,7 @@ fn main() {
         Some(names) if !names.is_empty() => names.to_vec(),
         _ => all_scenes(),
     };
-    let rungs = std::env::var("RUNGS").unwrap_or_else(|_| "point,area,tolerance".into());
+    let rungs = std::env::var("RUNGS").unwrap_or_else(|_| "pixel,default,tolerance".into());
     println!(
         "| scene | patches | rung | settle, s | ms a row | slowest row, s | its share of a run, % | hemicubes | cut short |"
     );
@@ -102,10 +103,8 @@ fn measure(model: &Model, rung: &str, rows: usize) -> Cost {
     let began = Instant::now();
     let (correction, resolution) = match rung {
         "pixel" => (Correction::Pixel, 256),
-        "point" => (Correction::Point, 128),
-        "area" => (Correction::area(), 128),
-        "tolerance" => {
-            let rung = Rung::settled(model, 0.01);
+        "default" | "tolerance" => {
+            let rung = Rung::settled(model, if rung == "default" { DEFAULT_TOLERANCE } else { 0.01 });
             (rung.correction, rung.resolution)
         }
         other => panic!("`{other}` is no rung"),

@@ -9,12 +9,11 @@
 //! the one to go by.
 #![allow(clippy::print_stdout, reason = "an example talks")]
 
-use hemicube::accuracy::correct::Correction;
+use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::analysis::check::{CheckOptions, check};
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::bvh::{Hierarchy, Tree};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::factor::FactorRule;
 use hemicube::store::{BackendEntry, Form, Header, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
 use hemicube::{HierarchyOptions, Model};
 use hemicube_backend_cpu::CpuBackend;
@@ -58,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let plan = stage("plan", || {
         Plan::new(&model, choice, Selection::default(), 1, true)
-            .with_correction(Correction::Area(FactorRule::for_tolerance(1e-2)))
+            .with_correction(Correction::Tolerance(Refinement::for_tolerance(0.02)))
             .with_form(form)
     })?;
     let hash = stage("scene hash", || scene_hash(&scene, &patches))?;
@@ -70,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             blake3: hash,
         },
         settings: serde_json::json!({}),
-        correction: "area".to_owned(),
+        correction: "tolerance".to_owned(),
         patch_count: u32::try_from(patches.len())?,
         row_count: u32::try_from(plan.rows.len())?,
         rows_per_part: plan.rows_per_part,

@@ -6,7 +6,7 @@ use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::backend::{Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::driver::calibrate::{Calibration, calibrate};
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection, Summary, compute};
-use hemicube::factor::FactorRule;
+use hemicube::driver::level::DEFAULT_TOLERANCE;
 use hemicube::row::RowBlock;
 use hemicube::store::{HEMICUBE_WEIGHT, Part};
 use hemicube_backend_cpu::CpuBackend;
@@ -122,20 +122,12 @@ impl Rung {
         resolution: 256,
     };
 
-    /// Visible fraction × closed form, both from one point.
-    pub fn point() -> Self {
-        Self {
-            correction: Correction::Point,
-            resolution: 128,
-        }
-    }
-
-    /// Visible fraction × closed form.
-    pub fn area() -> Self {
-        Self {
-            correction: Correction::Area(FactorRule::for_tolerance(1e-2)),
-            resolution: 128,
-        }
+    /// The default tolerance.
+    ///
+    /// # Panics
+    /// When the backend fails.
+    pub fn usual(model: &Model) -> Self {
+        Self::settled(model, DEFAULT_TOLERANCE)
     }
 
     /// A tolerance without calibration, for any scene.

@@ -1,5 +1,6 @@
 //! Argument groups shared by several commands, and the values that they take.
 
+use crate::exit::hinted;
 use clap::{Args, ValueEnum};
 use hemicube::backend::RESOLUTIONS;
 use hemicube::sky::PARTS_MAX;
@@ -165,25 +166,32 @@ impl Default for EngineSettings {
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct RenderSettings {
     /// Aim at this relative Frobenius error: 1%, 0.003
-    #[arg(long, value_name = "T", value_parser = tolerance)]
-    pub(crate) tolerance: Option<Tolerance>,
-    /// pixel: sums of pixels; point, area: visible fraction × closed form
-    #[arg(long, value_name = "pixel|point|area", default_value = "area", value_parser = correction)]
+    #[arg(long, value_name = "T", default_value = "2%", value_parser = tolerance)]
+    pub(crate) tolerance: Tolerance,
+    /// tolerance: visible fraction × closed form, to the tolerance; pixel: sums of pixels, the method as published
+    #[arg(
+        long,
+        value_name = "tolerance|pixel",
+        default_value = "tolerance",
+        value_parser = correction,
+        hide_short_help = true
+    )]
     pub(crate) correction: Correction,
-    /// Pixels along an edge: 16, 32, 48… 1024
+    /// Pixels along an edge of sums of pixels: 16, 32, 48… 1024
     #[arg(
         id = "resolution",
         long = "resolution",
         value_name = "auto|N",
         default_value = "auto",
-        value_parser = resolution
+        value_parser = resolution,
+        hide_short_help = true
     )]
     pub(crate) resolution_asked: Auto,
     /// The resolution in force, from [`RenderSettings::settle`].
     #[arg(skip)]
     pub(crate) resolution: u32,
-    /// Hemicubes a patch: 1, 4, 9, 16…
-    #[arg(long, value_name = "K", default_value = "1", value_parser = samples)]
+    /// Hemicubes a patch of sums of pixels: 1, 4, 9, 16…
+    #[arg(long, value_name = "K", default_value = "1", value_parser = samples, hide_short_help = true)]
     pub(crate) samples: Samples,
     /// Turn each hemicube by a hash of its patch
     #[arg(
@@ -201,14 +209,33 @@ pub(crate) struct RenderSettings {
 impl RenderSettings {
     /// Built-in resolutions: sums of pixels need more of them than fractions.
     const RESOLUTION_OF_PIXEL: u32 = 256;
-    const RESOLUTION_OF_FRACTIONS: u32 = 128;
+    const RESOLUTION_OF_TOLERANCE: u32 = 128;
 
     /// Fills in `resolution`, by the correction if the user leaves it open.
     pub(crate) fn settle(&mut self) {
         self.resolution = self.resolution_asked.or(match self.correction {
             Correction::Pixel => Self::RESOLUTION_OF_PIXEL,
-            Correction::Point | Correction::Area => Self::RESOLUTION_OF_FRACTIONS,
+            Correction::Tolerance => Self::RESOLUTION_OF_TOLERANCE,
         });
+    }
+
+    /// The tolerance, unless pixels are summed.
+    pub(crate) fn tolerance(&self) -> Option<Tolerance> {
+        (self.correction == Correction::Tolerance).then_some(self.tolerance)
+    }
+
+    /// # Errors
+    /// When hemicubes are set that a tolerance chooses by itself.
+    pub(crate) fn require_effect(&self) -> anyhow::Result<()> {
+        let idle = match (self.correction, self.resolution_asked, self.samples.per_edge) {
+            (Correction::Pixel, ..) | (_, Auto::Auto, 1) => return Ok(()),
+            (_, Auto::Number(_), _) => "--resolution",
+            _ => "--samples",
+        };
+        Err(hinted(
+            anyhow::anyhow!("`{idle}` does nothing: a tolerance chooses its hemicubes"),
+            "leave it out, or sum pixels by `--correction pixel`",
+        ))
     }
 }
 
@@ -357,10 +384,8 @@ impl Auto {
 pub(crate) enum Correction {
     /// The weights of the pixels seen.
     Pixel,
-    /// Visible fraction × closed form from the hemicube's centre.
-    Point,
-    /// Visible fraction × closed form from the whole patch.
-    Area,
+    /// Visible fraction × closed form, to a tolerance.
+    Tolerance,
 }
 
 /// A relative Frobenius error to aim at.
@@ -577,9 +602,8 @@ fn samples(text: &str) -> Result<Samples, String> {
 fn correction(text: &str) -> Result<Correction, String> {
     match text {
         "pixel" => Ok(Correction::Pixel),
-        "point" => Ok(Correction::Point),
-        "area" => Ok(Correction::Area),
-        _ => Err("there are `pixel`, `point` and `area`".to_owned()),
+        "tolerance" => Ok(Correction::Tolerance),
+        _ => Err("there are `tolerance` and `pixel`".to_owned()),
     }
 }
 
@@ -675,8 +699,8 @@ mod tests {
         }
         assert_eq!(octree_levels("auto"), Ok(Auto::Auto));
         assert!(octree_levels("22").is_err() && min_patches("0").is_err());
-        assert_eq!(correction("area"), Ok(Correction::Area));
-        assert!(correction("best").is_err_and(|e| e.contains("area")));
+        assert_eq!(correction("tolerance"), Ok(Correction::Tolerance));
+        assert!(correction("area").is_err_and(|e| e.contains("pixel")));
     }
 
     #[test]

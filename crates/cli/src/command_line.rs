@@ -286,7 +286,6 @@ mod tests {
         };
         assert_eq!(settled(&[]), 128);
         assert_eq!(settled(&["--correction", "pixel"]), 256);
-        assert_eq!(settled(&["--correction", "point"]), 128);
         assert_eq!(settled(&["--tolerance", "1%"]), 128);
         assert_eq!(settled(&["--correction=pixel", "--resolution", "64"]), 64);
     }

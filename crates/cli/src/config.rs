@@ -68,8 +68,8 @@ pub(crate) const EXCLUSIVE: [&[&str]; 5] = [
 /// they stand ready for other runs.
 const CHOOSES: [(&str, &str, [&str; 2]); 1] = [("compute", "seed", ["sample-rows", "verify"])];
 
-/// Values compatible with their group: a tolerance is of the area rung, and chooses the pixels.
-const AGREES: [(&str, &str); 2] = [("correction", "area"), ("resolution", "auto")];
+/// Values compatible with their group: a tolerance chooses the pixels.
+const AGREES: [(&str, &str); 2] = [("correction", "tolerance"), ("resolution", "auto")];
 
 /// Variables that are no settings of a command, read in other places.
 const OTHER_VARIABLES: [&str; 3] = ["HEMICUBE_BACKEND_PATH", "HEMICUBE_NO_PROGRESS", "HEMICUBE_LOG"];
@@ -744,7 +744,7 @@ mod tests {
             changed(text, &[("octree-levels", "6"), ("store", "compact")]).unwrap(),
             "# mine\noctree-levels = 6 # fine\ntolerance = '1%'\n\nthreads=2\nstore = \"compact\"\n"
         );
-        // A tolerance and the pixel rung exclude each other, the area rung and a tolerance do not.
+        // A tolerance and sums of pixels exclude each other.
         assert_eq!(
             changed(text, &[("correction", "pixel")]).unwrap(),
             "# mine\noctree-levels = 12 # fine\n# tolerance = '1%'\n\nthreads=2\ncorrection = \"pixel\"\n"

@@ -1,6 +1,6 @@
 //! From the command line's settings to an accuracy level.
 
-use crate::args::{Correction as Name, RenderSettings, Tolerance};
+use crate::args::{RenderSettings, Tolerance};
 use crate::exit::hinted;
 use crate::report::small_percent;
 use anyhow::{Result, anyhow};
@@ -13,15 +13,6 @@ pub(crate) use hemicube::driver::level::percentage;
 use hemicube::driver::level::{Asked, LevelError};
 use hemicube::store::Form;
 use std::sync::atomic::AtomicBool;
-
-/// The correction of a name.
-pub(crate) fn correction(name: Name) -> Correction {
-    match name {
-        Name::Pixel => Correction::Pixel,
-        Name::Point => Correction::Point,
-        Name::Area => Correction::area(),
-    }
-}
 
 /// Calibrates a tolerance on a scene. The result does not depend on the rows computed: `compute` and `tradeoff` agree.
 pub(crate) fn within(
@@ -51,10 +42,10 @@ pub(crate) fn within(
 impl RenderSettings {
     /// The accuracy level asked for.
     pub(crate) fn accuracy(&self) -> Asked {
-        match self.tolerance {
+        match self.tolerance() {
             Some(tolerance) => Asked::Tolerance(tolerance.0),
             None => Asked::Settings {
-                correction: correction(self.correction),
+                correction: Correction::Pixel,
                 resolution: self.resolution,
                 samples_per_edge: self.samples.per_edge,
             },

@@ -175,10 +175,9 @@ impl RenderArguments {
 
     /// The work that memory is asked for.
     pub(crate) fn work(&self) -> Work {
-        match (self.tolerance, self.correction) {
-            (Some(_), _) => Work::Tolerance,
-            (None, Correction::Pixel) => Work::Pixels,
-            (None, Correction::Point | Correction::Area) => Work::Fractions,
+        match self.correction {
+            Correction::Tolerance => Work::Tolerance,
+            Correction::Pixel => Work::Pixels,
         }
     }
 

@@ -20,17 +20,12 @@
 //! rays. Scenes of up to 400 patches have all pairs measured, and at 0.2 % or less each to the tolerance by itself; so
 //! do scenes of up to 2,048 at 0.01 % or less, by cells cut along critical lines (`refine/exact`).
 //!
-//! The level *area*, without a tolerance, does likewise for a few pairs (`Refiner::refine_selected`). No sample is
-//! compared with rays: prior variances are those measured in rooms and cities, and a pair is worth a shaft if its
-//! expected error is a given share of its row. Most of them all but touch. A row is *inconsistent* if its hemicube
-//! loses a part that it should see, or if rays find much more than it did. It gets four hemicubes instead (`compute`):
-//! rays refine large pairs, not a street of small patches. At a tolerance, an inconsistent row is rendered again with 2
-//! × 2 hemicubes; in a closed scene (`Refinement::is_open`), where hemicubes agree on their non-visible shares and the
-//! sum is known, once more with 4 × 4 and strict correction.
+//! A row is *inconsistent* if its hemicube loses a part that it should see. It is rendered again with 2 × 2 hemicubes
+//! (`compute`); in a closed scene (`Refinement::is_open`), where hemicubes agree on their non-visible shares and the sum
+//! is known, once more with 4 × 4 and strict correction.
 //!
-//! A row's work is bounded, in steps of about a nanosecond that are counted, never timed (`shaft`). Refining selected
-//! pairs has 3,200,000 + 8,000 an entry for a row of one hemicube, times max(n, n²/4) for one of n² hemicubes. A row of
-//! a tolerance T has 10⁹ · max(0.01 / T, 1), at most 10¹¹. Pairs are then measured in the order of their expected
+//! A row's work is bounded, in steps of about a nanosecond that are counted, never timed (`shaft`). A row of a
+//! tolerance T has 10⁹ · max(0.01 / T, 1), at most 10¹¹. Pairs are then measured in the order of their expected
 //! errors. A row that meets its bound is counted (`Summary::cut_short`), and its expected error holds the prior
 //! variances of the rest. The last pair has what is left of the row's bound, so that no pair exceeds it: its rays stop
 //! growing, its points' cells are divided no further, and the error is what they then have. A shaft of more than 256
@@ -38,7 +33,7 @@
 //! whatever lies in between.
 //!
 //! A patch much larger than the surfaces on it has n² hemicubes, stratified over it, n ≤ 16 and one for every 16 of
-//! these surfaces (`grain`), at all levels but *pixel*. Every pair of its row is measured (`refine/large`), by the
+//! these surfaces (`grain`), unless pixels are summed. Every pair of its row is measured (`refine/large`), by the
 //! row's own form factors: most of these surfaces are nearer to the patch than its hemicubes to each other. The row's
 //! form factors are small; the larger one of each pair is in the other row.
 //!

@@ -10,7 +10,6 @@ pub(crate) mod contour;
 pub(crate) mod far;
 mod lanes;
 
-use crate::Model;
 use crate::geometry::{self, CompactTriangle, Sphere, distance, quarters};
 use coarse::{Found, Pairs, Reach, WIDTH};
 use contour::Precision;
@@ -341,35 +340,6 @@ impl Exchanges {
             self.flush_double(out);
         }
         self.flush_waiting(out);
-    }
-
-    /// Evaluates the pairs of the triangle begun and `patches`, in order.
-    pub(crate) fn row(&mut self, model: &Model, patches: &[u32], out: &mut [f64]) {
-        let Some(reach) = self.rule.coarse else {
-            for (place, &patch) in patches.iter().enumerate() {
-                self.add(place, &model.normalised_corners(patch), out);
-            }
-            self.finish(out);
-            return;
-        };
-        let triangles = model.compact_triangles();
-        for (block, patches) in patches.chunks(WIDTH).enumerate() {
-            let single = &mut self.single;
-            for (l, &patch) in patches.iter().enumerate() {
-                single.pairs.set(l, &single.own, &triangles[patch as usize]);
-            }
-            let found = coarse::far(&single.own, &single.pairs, &reach);
-            for l in 0..patches.len() {
-                self.place(
-                    block * WIDTH + l,
-                    l,
-                    &found,
-                    || model.normalised_corners(patches[l]),
-                    out,
-                );
-            }
-        }
-        self.finish(out);
     }
 
     /// Evaluates the added pairs in single precision.
@@ -1110,7 +1080,7 @@ mod tests {
     fn rows_have_the_bits_of_pairs() {
         let scene = hemicube_scene::generate::cornell_box();
         let patches = hemicube_scene::Patches::new(&scene, hemicube_scene::Subdivision::Levels(2)).expect("patches");
-        let model = Model::new(patches.into(), crate::HierarchyOptions::default()).expect("a model");
+        let model = crate::Model::new(patches.into(), crate::HierarchyOptions::default()).expect("a model");
         let all: Vec<u32> = model.patches().iter().map(|p| p.0).collect();
         for tolerance in [COARSE, MIDDLE] {
             let rule = FactorRule::for_tolerance(tolerance);
@@ -1119,7 +1089,10 @@ mod tests {
             for i in (0..all.len()).step_by(97) {
                 let own = model.normalised_corners(all[i]);
                 exchanges.begin(&own);
-                exchanges.row(&model, &all, &mut row);
+                for (place, &j) in all.iter().enumerate() {
+                    exchanges.add(place, &model.normalised_corners(j), &mut row);
+                }
+                exchanges.finish(&mut row);
                 for (&j, &found) in all.iter().zip(&row) {
                     let other = model.normalised_corners(j);
                     assert_eq!(found.to_bits(), exchange(&own, &other, &rule).to_bits(), "{i} {j}");

@@ -2,11 +2,10 @@
 
 use crate::backend::{Cut, Geometry, Hemicube, Surface};
 use crate::frame;
-use crate::geometry::CompactTriangle;
 use glam::DVec3;
 use hemicube_scene::{InputPatch, Patches, Side};
 use hemicube_spatial::{Aabb, Octree, OctreeError, OctreeOptions, order_by_normal_and_position};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Division of the octree: the thesis's two parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,8 +109,6 @@ pub struct Model {
     order: Vec<u32>,
     center: DVec3,
     scale: f64,
-    /// By patch; made when first asked for.
-    compact: Arc<OnceLock<Vec<CompactTriangle>>>,
 }
 
 impl Model {
@@ -213,7 +210,6 @@ impl Model {
             order,
             center,
             scale,
-            compact: Arc::default(),
         })
     }
 
@@ -241,14 +237,6 @@ impl Model {
     /// The corners of a patch in normalised coordinates.
     pub(crate) fn normalised_corners(&self, patch: u32) -> [DVec3; 3] {
         self.patches.corners(InputPatch(patch)).map(|p| self.normalise(p))
-    }
-
-    /// Each patch in normalised coordinates and single precision; made at the first call, O(patches).
-    pub(crate) fn compact_triangles(&self) -> &[CompactTriangle] {
-        self.compact.get_or_init(|| {
-            let corners = self.patches.iter().map(|patch| self.normalised_corners(patch.0));
-            corners.map(|corners| CompactTriangle::new(&corners)).collect()
-        })
     }
 
     /// The `n`² hemicubes of a patch, at the centroids of its equal sub-triangles; none for a patch without area.

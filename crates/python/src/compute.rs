@@ -11,7 +11,7 @@ use hemicube::backend::{Culling, RESOLUTIONS};
 use hemicube::driver::compute::{PartSink, Progress, RowChoice};
 use hemicube::driver::glazing::matrix_of_band;
 use hemicube::driver::job::{Job, Observer, PartListener, Run, Sessions, Stage, StorePlace};
-use hemicube::driver::level::Asked;
+use hemicube::driver::level::{Asked, DEFAULT_TOLERANCE};
 use hemicube::portal::Portals;
 use hemicube::store::{Form, Part, PatchTable, Store};
 use hemicube::{Grouping, Model, PatchKind};
@@ -23,9 +23,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Default pixels along an edge: sums of pixels need more than fractions of them.
+/// Default pixels along an edge of sums of pixels.
 const RESOLUTION_OF_PIXEL: u32 = 256;
-const RESOLUTION_OF_FRACTIONS: u32 = 128;
 
 /// Rows done, and rows in all.
 type Rows = (u64, u64);
@@ -97,38 +96,39 @@ fn asked(
     wanted: Option<u32>,
     samples: Option<u32>,
 ) -> PyResult<Asked> {
-    if let Some(tolerance) = tolerance {
-        if correction.is_some() || wanted.is_some() || samples.is_some() {
-            return Err(errors::input(
-                "`tolerance` chooses what keeps it; `correction`, `resolution` and `samples` are for runs without",
-            ));
-        }
-        if !(1e-7..=0.5).contains(&tolerance) {
+    let sums_pixels = match correction {
+        None | Some("tolerance") => false,
+        Some("pixel") => true,
+        Some(other) => {
             return Err(errors::input(format!(
-                "`tolerance` is {tolerance}; a share from 0.0000001 to 0.5 is needed"
-            )));
-        }
-        return Ok(Asked::Tolerance(tolerance));
-    }
-    let correction = match correction.unwrap_or("area") {
-        "pixel" => Correction::Pixel,
-        "point" => Correction::Point,
-        "area" => Correction::area(),
-        other => {
-            return Err(errors::input(format!(
-                "`correction` is `{other}`; pixel, point or area is needed"
+                "`correction` is `{other}`; tolerance or pixel is needed"
             )));
         }
     };
-    Ok(Asked::Settings {
-        resolution: match wanted {
-            Some(wanted) => resolution(wanted)?,
-            None if correction == Correction::Pixel => RESOLUTION_OF_PIXEL,
-            None => RESOLUTION_OF_FRACTIONS,
-        },
-        samples_per_edge: samples_per_edge(samples.unwrap_or(1))?,
-        correction,
-    })
+    if sums_pixels {
+        if tolerance.is_some() {
+            return Err(errors::input(
+                "`tolerance` does nothing where pixels are summed: leave it, or `correction`, out",
+            ));
+        }
+        return Ok(Asked::Settings {
+            correction: Correction::Pixel,
+            resolution: resolution(wanted.unwrap_or(RESOLUTION_OF_PIXEL))?,
+            samples_per_edge: samples_per_edge(samples.unwrap_or(1))?,
+        });
+    }
+    if wanted.is_some() || samples.is_some() {
+        return Err(errors::input(
+            "a tolerance chooses its hemicubes; `resolution` and `samples` are for `correction=\"pixel\"`",
+        ));
+    }
+    let tolerance = tolerance.unwrap_or(DEFAULT_TOLERANCE);
+    if !(1e-7..=0.5).contains(&tolerance) {
+        return Err(errors::input(format!(
+            "`tolerance` is {tolerance}; a share from 0.0000001 to 0.5 is needed"
+        )));
+    }
+    Ok(Asked::Tolerance(tolerance))
 }
 
 /// Rows out of `count`.
@@ -231,9 +231,9 @@ pub(crate) fn interrupted() -> PyErr {
 /// The form-factor matrix of a scene: F[i, j] is the fraction of the diffuse energy leaving patch i that reaches patch
 /// j.
 ///
-/// `tolerance` is the relative Frobenius error to aim at (0.01 is 1 %); everything else follows from it. Without it,
-/// `correction` is how weights become form factors ('pixel', 'point' or 'area'), `resolution` the number of pixels
-/// along an edge of the hemicube, and `samples` the number of hemicubes of a patch (1, 4, 9…).
+/// `tolerance` is the relative Frobenius error to aim at (0.01 is 1 %; by default 0.02); everything else follows from it.
+/// `correction="pixel"` sums pixels in its place, the method as published: `resolution` is then the number of pixels along
+/// an edge of the hemicube, and `samples` the number of hemicubes of a patch (1, 4, 9…).
 ///
 /// `rows=(start, end)` or `sample_rows` (drawn by `seed`) computes some rows only; `emitters`, `receivers` and
 /// `occluders` are lists of globs for names of objects and materials with rows, with columns, or with neither. Form
@@ -306,6 +306,7 @@ pub(crate) fn compute(
     band: Option<AskedBand>,
 ) -> PyResult<Py<PyAny>> {
     let scene = scene.get();
+    let accuracy = asked(tolerance, correction, resolution, samples)?;
     let asked_portals = portals::Asked {
         specular,
         specular_bound,
@@ -313,7 +314,7 @@ pub(crate) fn compute(
         sector,
         periodic,
         repeats,
-        tolerance,
+        tolerance: accuracy.tolerance(),
     };
     let (portals, model) = match &band {
         Some(AskedBand::Several(names)) => asked_portals.of_bands(scene, names)?,
@@ -339,7 +340,7 @@ pub(crate) fn compute(
     }
     let job = Job {
         portals: portals.next().unwrap_or_default(),
-        accuracy: asked(tolerance, correction, resolution, samples)?,
+        accuracy,
         rotate: rotation,
         rows: row_choice(rows, sample_rows, seed, count)?,
         emitters,

@@ -177,11 +177,11 @@ def test_some_rows_only() -> None:
     ("keywords", "kind", "message"),
     [
         ({"tolerance": 2.0}, hemicube.InputError, "`tolerance` is 2"),
-        ({"tolerance": 0.01, "resolution": 64}, hemicube.InputError, "`tolerance` chooses what keeps it"),
+        ({"tolerance": 0.01, "resolution": 64}, hemicube.InputError, "a tolerance chooses its hemicubes"),
         ({"tolerance": 1e-4, "store": "compact"}, hemicube.InputError, "the compact form rounds"),
-        ({"resolution": 63}, hemicube.InputError, "a multiple of 16"),
-        ({"samples": 3}, hemicube.InputError, "a perfect square"),
-        ({"correction": "best"}, hemicube.InputError, "pixel, point or area"),
+        ({"correction": "pixel", "resolution": 63}, hemicube.InputError, "a multiple of 16"),
+        ({"correction": "pixel", "samples": 3}, hemicube.InputError, "a perfect square"),
+        ({"correction": "best"}, hemicube.InputError, "tolerance or pixel"),
         ({"rows": (5, 5)}, hemicube.InputError, r"`rows` is \(5, 5\)"),
         ({"rows": (0, 1), "sample_rows": 3}, hemicube.InputError, "exclude each other"),
         ({"emitters": ["no such*"]}, hemicube.InputError, "`emitters`: `no such\\*` matches no object"),
@@ -199,10 +199,10 @@ def test_settings_are_refused_by_name(keywords: dict[str, object], kind: type[Ex
 def test_stores_that_are_something_else(tmp_path: pathlib.Path) -> None:
     scene = squares(1.0, 2)
     matrix = hemicube.compute(scene, output=tmp_path / "store")
-    with pytest.raises(hemicube.StoreError, match="resolution=128`.*resolution=64`.*`overwrite=True` replaces it"):
-        hemicube.compute(scene, output=tmp_path / "store", resolution=64)
-    other = hemicube.compute(scene, output=tmp_path / "store", resolution=64, overwrite=True)
-    assert (matrix.settings["resolution"], other.settings["resolution"]) == (128, 64)
+    with pytest.raises(hemicube.StoreError, match="tolerance=0.02`.*tolerance=0.05`.*`overwrite=True` replaces it"):
+        hemicube.compute(scene, output=tmp_path / "store", tolerance=0.05)
+    other = hemicube.compute(scene, output=tmp_path / "store", tolerance=0.05, overwrite=True)
+    assert (matrix.settings["tolerance"], other.settings["tolerance"]) == (0.02, 0.05)
     (tmp_path / "full").mkdir()
     (tmp_path / "full/thesis.tex").write_text("")
     with pytest.raises(ValueError, match="full"):

@@ -61,7 +61,7 @@ def test_meshio_brings_the_room_of_the_programs_reader(name: str) -> None:
 def test_a_matrix_of_a_mesh_is_the_matrix_of_its_file(tmp_path: pathlib.Path) -> None:
     meshio = package("meshio")
     read = meshio.read(MESHES / "room-22-text.msh")
-    settings: dict[str, Any] = {"resolution": 64, "correction": "area"}
+    settings: dict[str, Any] = {"resolution": 64, "correction": "pixel"}
     of_mesh = hemicube.compute(hemicube.from_meshio(read, up="z"), **settings)
     of_file = hemicube.compute(hemicube.Scene.load(MESHES / "room-22-text.msh", up="z"), **settings)
     assert (of_mesh.to_scipy() != of_file.to_scipy()).nnz == 0

@@ -27,8 +27,8 @@ def load(folder: pathlib.Path, **keywords: Any) -> hemicube.Scene:
     ("before", "after", "said"),
     [
         (
-            ({}, {"resolution": 64}),
-            ({}, {"resolution": 80}),
+            ({}, {"correction": "pixel", "resolution": 64}),
+            ({}, {"correction": "pixel", "resolution": 80}),
             "it was computed with `resolution=64`, and here it is with `resolution=80`",
         ),
         (({"split": 2}, {}), ({"split": 3}, {}), None),
@@ -39,7 +39,7 @@ def load(folder: pathlib.Path, **keywords: Any) -> hemicube.Scene:
         ),
         (({}, {"occluders": ["low"]}), ({}, {}), "with `occluders=['low']`, and here it is without `occluders`"),
         (({}, {"rotation": False}), ({}, {}), "with `rotation=False`, and here it is with `rotation=True`"),
-        (({}, {"correction": "pixel"}), ({}, {}), "with `correction='pixel'`, and here it is with `correction='area'`"),
+        (({}, {"correction": "pixel"}), ({}, {}), "with `correction='pixel'`, and here it is with `correction='tolerance'`"),
         (({}, {"min_factor": 0.01}), ({}, {}), "with `min_factor=0.01`, and here it is without `min_factor`"),
         (({}, {}), ({}, {"store": "compact"}), "form (`store`)"),
     ],

@@ -99,7 +99,7 @@ def test_a_scene_comes_back_to_the_bit(keywords: dict[str, object], cornell_box:
     assert (scene.objects, scene.materials, scene.up) == (again.objects, again.materials, again.up)
     assert repr(scene) == repr(again)
     # The same scene for a store, too: its hash and settings are.
-    kept = [pickle.dumps(hemicube.compute(of, correction="point", rows=(0, 5))) for of in (scene, again)]
+    kept = [pickle.dumps(hemicube.compute(of, rows=(0, 5))) for of in (scene, again)]
     assert kept[0] == kept[1]
 
 

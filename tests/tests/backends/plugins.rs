@@ -347,8 +347,7 @@ fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_ba
 
     // Corrected, it is as accurate as the built-in backend: the host counts what it does not.
     let error = |backend: &str| {
-        let line =
-            format!("compute room.obj -o area --overwrite --backend {backend} --resolution 32 --verify 40 --json -");
+        let line = format!("compute room.obj -o area --overwrite --backend {backend} --verify 40 --json -");
         let output = here(&line);
         assert!(output.status.success(), "{}", text(&output.stderr));
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a report");

@@ -72,7 +72,7 @@ fn follows_mirrors(name: &str) {
     for (settings, option, most, said) in [
         (fine, "--backend-option passes=on", 0.01, by_pixels),
         (fine, "", 0.01, FOLLOWED),
-        ("--correction area", "", 2e-3, FOLLOWED),
+        ("--tolerance 2%", "", 2e-3, FOLLOWED),
     ] {
         let line = format!("compute room.obj --overwrite --split 2 --specular optics.toml {settings}");
         place.line(&format!("{line} -o cpu")).is(0);

@@ -144,9 +144,7 @@ fn a_flat_at_one_temperature_is_at_rest_and_its_doors_are_not_cold() {
     let place = Place::new();
     place.write("flat.obj", flat());
     place.write("rest.toml", "[default]\nemissivity = 0.9\ntemperature = \"18 °C\"\n");
-    let computed = place
-        .line("compute flat.obj --patch-size 0.8 --correction point -o m --no-config")
-        .is(0);
+    let computed = place.line("compute flat.obj --patch-size 0.8 -o m --no-config").is(0);
     // The door's back and the cupboard's inside are backs, and no reason to turn the room round.
     assert!(!computed.err.contains("wrong way"), "{}", computed.err);
     let solved = place.line("solve m --thermal --materials rest.toml --by object").is(0);
@@ -196,7 +194,7 @@ fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_
     let place = Place::new();
     place.write("tank.obj", tank());
     for kind in ["object", "material"] {
-        let line = format!("compute tank.obj --patches {kind} --split 4 --correction area -o {kind} --no-config -q");
+        let line = format!("compute tank.obj --patches {kind} --split 4 -o {kind} --no-config -q");
         place.line(&line).is(0);
     }
     let solved = |store: &str, tables: &str, rest: &str| {

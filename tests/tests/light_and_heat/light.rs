@@ -394,7 +394,7 @@ fn rows_done_again_because_their_sums_are_off_add_up() {
     std::fs::write(place.path("strips.obj"), obj(&quads)).expect("written");
     for row in [381, 404, 789] {
         place.line(&format!(
-            "compute strips.obj -o m --correction area --rows {row}..{} --quiet --overwrite",
+            "compute strips.obj -o m --rows {row}..{} --quiet --overwrite",
             row + 1
         ));
         let store = Store::open(&place.path("m")).expect("a store");
@@ -414,7 +414,7 @@ fn pairs_of_crossing_cubes_are_measured_by_default() {
     let cubes = scenes.join("gltf/misc/gltf-transform/many-cubes.gltf");
     for (from, to, right) in [(5113, 6008, 0.077), (728, 1557, 0.0345), (2445, 4593, 0.028)] {
         place.line(&format!(
-            "compute {} -o m --correction area --rows {from}..{} --quiet --overwrite",
+            "compute {} -o m --rows {from}..{} --quiet --overwrite",
             cubes.display(),
             from + 1
         ));
@@ -613,7 +613,7 @@ fn a_back_that_only_a_part_of_a_patch_sees_is_blocked() {
     let (both, ..) = row("--tolerance 0.01% --two-sided=on");
     let behind = both - front;
     assert!(behind > 0.025, "{front}, {both}");
-    for (settings, bound) in [("--correction area", 0.02), ("--tolerance 1%", 0.01)] {
+    for (settings, bound) in [("", 0.02), ("--tolerance 1%", 0.01)] {
         let (_, escaped, blocked) = row(settings);
         assert!((blocked - behind).abs() <= bound, "{settings}: {blocked}, {behind}");
         assert!((escaped - (1.0 - both)).abs() <= bound, "{settings}: {escaped}, {both}");
@@ -886,7 +886,7 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
 fn nothing_escapes_from_a_closed_cube() {
     let place = Place::new();
     place.write("cube.obj", &cube());
-    place.line("compute cube.obj --subdivide 1 --samples 4 --resolution 64 -o F --no-config");
+    place.line("compute cube.obj --subdivide 1 -o F --no-config");
     let beside = place.json("sky cube.obj --store F --up z --json");
     assert_eq!(beside["sky_view_factor"]["max"].as_f64(), Some(0.0));
     assert_eq!(beside["rows_as_in_matrix"], beside["patches"]);
@@ -939,7 +939,7 @@ fn the_sky_as_a_table() {
 fn sky_and_ground_are_what_escaped() {
     let place = Place::new();
     place.line("generate city --patches 400 --seed 5 -o city.obj");
-    place.line("compute city.obj --up y -o F --samples 4 --resolution 64 --no-config");
+    place.line("compute city.obj --up y -o F --no-config");
     let report = place.json("sky city.obj --store F --division reinhart:2 --json");
     assert_eq!(report["columns"].as_u64(), Some(578));
     assert_eq!(report["rows_as_in_matrix"], report["patches"]);

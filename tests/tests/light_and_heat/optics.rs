@@ -329,7 +329,7 @@ fn bands_are_resumed_each_by_what_it_lacks() {
         &room(1., 1., 1.),
         "bands = [\"light\", \"heat\"]\n[object.x1]\nspecular = [1, 0.5]\n",
     );
-    for correction in ["pixel", "area"] {
+    for correction in ["pixel", "tolerance"] {
         let line = format!("compute scene.obj --specular optics.toml --split 5 --correction {correction} -o room");
         place.line(&format!("{line} --overwrite")).is(0);
         let bytes = |band: &str| {

@@ -94,12 +94,7 @@ fn bands_are_what_they_are_alone() {
         place.write(format!("alone-{name}.toml"), optics);
     }
     let parts = |store: String| files(&place.path(store).join("parts"));
-    for level in [
-        "--correction pixel --resolution 64",
-        "--correction point --resolution 64",
-        "--resolution 64",
-        "--tolerance 1%",
-    ] {
+    for level in ["--correction pixel --resolution 64", "", "--tolerance 1%"] {
         let line = |optics: String, rest: &str| {
             place
                 .line(&format!(
@@ -224,12 +219,7 @@ fn what_stands_on_the_rows_stands_on_all_at_once() {
 fn a_band_in_which_nothing_is_a_mirror_has_the_rows_without_any() {
     let place = place(&room(1., 1., 1.), "[object.x1]\nspecular = [0.5, 0]\n");
     let settings = "compute scene.obj --emitters bottom";
-    for level in [
-        "--correction pixel --resolution 64",
-        "--correction point",
-        "",
-        "--tolerance 1%",
-    ] {
+    for level in ["--correction pixel --resolution 64", "", "--tolerance 1%"] {
         place
             .line(&format!(
                 "{settings} {level} --specular optics.toml -o banded --overwrite"

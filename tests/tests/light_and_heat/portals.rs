@@ -312,7 +312,7 @@ fn pixels_are_conserved_and_threads_and_shards_change_no_byte() {
     );
     for settings in [
         "--correction pixel --samples 4 --resolution 32",
-        "--correction area",
+        "--tolerance 2%",
         "--tolerance 1%",
     ] {
         let line = format!("compute scene.obj --specular optics.toml --split 2 {settings}");

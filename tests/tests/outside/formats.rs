@@ -57,7 +57,7 @@ fn yard() -> Place {
     .expect("a file");
     std::fs::write(place.path("m.toml"), MATERIALS).expect("a file");
     place
-        .line("compute yard.obj --two-sided on --subdivide 2 --resolution 64 --up z -o F --no-config")
+        .line("compute yard.obj --two-sided on --subdivide 2 --up z -o F --no-config")
         .is(0);
     place.line("sky yard.obj --store F").is(0);
     place.line("solve F --materials m.toml").is(0);
@@ -336,7 +336,7 @@ fn duckdb_finds_every_factor() {
 /// The matrix of both forms of a store, by a reader.
 fn parquet_is_the_store(place: &Place, reader: &dyn Fn(&Path) -> Value) {
     place
-        .line("compute yard.obj --two-sided on --subdivide 3 --resolution 64 --store compact -o C --no-config")
+        .line("compute yard.obj --two-sided on --subdivide 3 --store compact -o C --no-config")
         .is(0);
     for (directory, file) in [("F", "F.parquet"), ("C", "C.parquet")] {
         place
@@ -475,7 +475,7 @@ fn what_is_asked_for_is_said_to_be_wrong() {
 fn rows_that_were_not_computed_are_empty() {
     let place = yard();
     place
-        .line("compute yard.obj --two-sided on --subdivide 2 --resolution 64 --rows 5..9 -o R --no-config")
+        .line("compute yard.obj --two-sided on --subdivide 2 --rows 5..9 -o R --no-config")
         .is(0);
     place.line("export R r.csv").is(0);
     place.line("export R r.ply --scene yard.obj --show seen").is(0);

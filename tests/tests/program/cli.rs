@@ -143,7 +143,9 @@ fn the_first_day() {
     );
     assert!(place.path("room.mtl").is_file(), "the room's materials have optics");
 
-    let computed = place.line("compute room.obj -o room.hemicube --resolution 64").is(0);
+    let computed = place
+        .line("compute room.obj -o room.hemicube --correction pixel --resolution 64")
+        .is(0);
     assert_eq!(computed.out, "", "data only on standard output");
     let says = |start: &str, end: &str| {
         let found = computed.err.lines().any(|l| l.starts_with(start) && l.ends_with(end));
@@ -195,7 +197,9 @@ fn the_first_day() {
         assert!(compared.out.contains("The matrices are equal."), "{}", compared.out);
     }
 
-    place.line("compute room.obj -o coarse --resolution 16 -q").is(0);
+    place
+        .line("compute room.obj -o coarse --correction pixel --resolution 16 -q")
+        .is(0);
     let compared = place.line("compare coarse room.hemicube --max-error 1e-3").is(1);
     assert!(
         compared.out.contains("FAILED: the error is above the bound"),
@@ -250,15 +254,21 @@ fn an_existing_matrix_is_not_replaced_unasked() {
     place
         .line("generate room --patches 40 -o room.obj")
         .fails_with(&["`room.obj` exists", "hint: `--overwrite`"]);
-    place.line("compute room.obj -o m --resolution 32 -q").is(0);
+    place
+        .line("compute room.obj -o m --correction pixel --resolution 32 -q")
+        .is(0);
     let before = files(&place.path("m"));
-    place.line("compute room.obj -o m --resolution 16").fails_with(&[
-        "`m` holds another matrix",
-        "it was computed with `--resolution 32`, and here it is with `--resolution 16`",
-        "--overwrite",
-    ]);
+    place
+        .line("compute room.obj -o m --correction pixel --resolution 16")
+        .fails_with(&[
+            "`m` holds another matrix",
+            "it was computed with `--resolution 32`, and here it is with `--resolution 16`",
+            "--overwrite",
+        ]);
     assert_eq!(files(&place.path("m")), before);
-    place.line("compute room.obj -o m --resolution 16 --overwrite -q").is(0);
+    place
+        .line("compute room.obj -o m --correction pixel --resolution 16 --overwrite -q")
+        .is(0);
     assert_ne!(files(&place.path("m")), before);
     place.line("check m").is(0);
 }
@@ -405,7 +415,7 @@ fn the_report_has_every_field() {
 fn stores_do_not_depend_on_threads_batches_culling_or_the_octree() {
     let place = Place::new();
     place.line("generate city --patches 2000 -o city.obj").is(0);
-    let compute = "compute city.obj --resolution 64 -q";
+    let compute = "compute city.obj --correction pixel --resolution 64 -q";
     place
         .line(&format!("{compute} --threads 1 --batch 1 --culling on -o reference"))
         .is(0);
@@ -437,11 +447,11 @@ fn stores_do_not_depend_on_threads_batches_culling_or_the_octree() {
 }
 
 #[test]
-fn the_area_correction_brings_rows_nearer_to_reciprocity() {
+fn a_tolerance_brings_rows_nearer_to_reciprocity() {
     let place = Place::new();
     place.line("generate room --patches 1000 -o room.obj").is(0);
     let residual = |correction: &str| {
-        let compute = format!("compute room.obj --resolution 128 --correction {correction} -q");
+        let compute = format!("compute room.obj --correction {correction} -q");
         place
             .line(&format!("{compute} -o {correction} --threads 1 --batch 3"))
             .is(0);
@@ -450,24 +460,26 @@ fn the_area_correction_brings_rows_nearer_to_reciprocity() {
         let report = place.line(&format!("check {correction} --json")).is(0).json();
         report["reciprocity"]["residual"].as_f64().expect("a residual")
     };
-    let (pixel, area) = (residual("pixel"), residual("area"));
-    assert!(area < 0.5 * pixel, "{area} {pixel}");
+    let (pixel, within) = (residual("pixel"), residual("tolerance"));
+    assert!(within < 0.5 * pixel, "{within} {pixel}");
     // An error that nobody bounded is reported, and a bound that is asked for is kept.
-    place.line("check area --closure 1e-9").is(1);
+    place.line("check tolerance --closure 1e-9").is(1);
 }
 
 #[test]
 fn culling_is_on_where_it_spares_something() {
     let place = Place::new();
     place.line("generate city --patches 2000 -o city.obj").is(0);
-    let ran = place.line("compute city.obj -o m --resolution 64 --json").is(0);
+    let ran = place
+        .line("compute city.obj -o m --correction pixel --resolution 64 --json")
+        .is(0);
     assert_eq!(ran.json()["culling"], "on");
     assert!(ran.err.contains("culling on: it leaves"), "{}", ran.err);
     let on = ran.json()["counters"]["triangles_transformed"]
         .as_u64()
         .expect("a number");
     let off = place
-        .line("compute city.obj -o m --overwrite --resolution 64 --culling off --json")
+        .line("compute city.obj -o m --overwrite --correction pixel --resolution 64 --culling off --json")
         .is(0)
         .json();
     let off = off["counters"]["triangles_transformed"].as_u64().expect("a number");
@@ -477,7 +489,9 @@ fn culling_is_on_where_it_spares_something() {
         "pair.obj",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 1 1\nv 1 0 1\nf 1 2 3\nf 4 5 6\n",
     );
-    let ran = place.line("compute pair.obj -o pair --resolution 64 --json").is(0);
+    let ran = place
+        .line("compute pair.obj -o pair --correction pixel --resolution 64 --json")
+        .is(0);
     assert_eq!(ran.json()["culling"], "off", "{}", ran.err);
     assert_eq!(ran.json()["entries"], 2);
 }
@@ -493,7 +507,7 @@ fn rows_and_columns_are_selected() {
     let report = |settings: &str| {
         place
             .line(&format!(
-                "compute rooms.obj -o m --overwrite --resolution 64 -q --json {settings}"
+                "compute rooms.obj -o m --overwrite --correction pixel --resolution 64 -q --json {settings}"
             ))
             .is(0)
             .json()
@@ -542,7 +556,7 @@ fn settings_come_in_layers() {
     let mut place = Place::new();
     place.write(
         "home/.config/hemicube/hemicube.toml",
-        "resolution = 32\nsamples = 4\nsubdivide = 1\nthreads = 1\n",
+        "correction = \"pixel\"\nsamples = 4\nsubdivide = 1\nthreads = 1\n",
     );
     place.write(
         "hemicube.toml",
@@ -703,10 +717,12 @@ fn words_in_place_of_commands_are_understood() {
     );
 
     // A matrix has its scene's name where none is given.
-    place.line("compute room.obj -q --resolution 32").is(0);
+    place
+        .line("compute room.obj -q --correction pixel --resolution 32")
+        .is(0);
     place.line("check room.hemicube").is(0);
     place
-        .line("compute room.obj -q --resolution 64")
+        .line("compute room.obj -q --correction pixel --resolution 64")
         .fails_with(&["`room.hemicube` holds another matrix"]);
     place
         .line("room.hemicube")
@@ -730,7 +746,9 @@ fn a_folder_is_one_scene() {
     place.write("whole.obj", format!("{floor}{lamp}f 5 6 7 8\n"));
     for scene in ["model", "whole.obj"] {
         place
-            .line(&format!("compute {scene} -q --up z --split 4 --resolution 64"))
+            .line(&format!(
+                "compute {scene} -q --up z --split 4 --correction pixel --resolution 64"
+            ))
             .is(0);
     }
     let matrix = |store: &str| {
@@ -774,7 +792,9 @@ fn a_folder_is_one_scene() {
 fn the_only_solution_is_shown() {
     let place = Place::new();
     place.line("generate room --patches 40 -o room.obj -q").is(0);
-    place.line("compute room.obj -q --resolution 32").is(0);
+    place
+        .line("compute room.obj -q --correction pixel --resolution 32")
+        .is(0);
     place.write("m.toml", "[default]\nreflectance = 0.5\nemission = 1.0\n");
     let solve = "solve room.hemicube --scene room.obj --materials m.toml -q --name";
     let view = "view model room.hemicube room.obj -q -o";
@@ -905,7 +925,9 @@ fn bad_matrices_are_refused() {
 
     // A bit that flipped is a check that does not hold, not an error.
     place.line("generate room --patches 40 -o room.obj").is(0);
-    place.line("compute room.obj -o m --resolution 32 -q").is(0);
+    place
+        .line("compute room.obj -o m --correction pixel --resolution 32 -q")
+        .is(0);
     place.line("check m").is(0);
     place.line("check m --reciprocity 0").is(1);
     let part = place.path("m/parts/part-00000.npz");
@@ -936,8 +958,12 @@ fn what_is_in_the_way_stays() {
         .fails_with(&["`directory`", "`notes.txt`"]);
     place.line("compute room.obj -o file/m").fails_with(&["file/m"]);
     assert_eq!(files(&place.path("directory")).len(), 1);
-    place.line("compute room.obj -o empty --resolution 16 -q").is(0);
-    place.line("compute room.obj -o a/b/c --resolution 16 -q").is(0);
+    place
+        .line("compute room.obj -o empty --correction pixel --resolution 16 -q")
+        .is(0);
+    place
+        .line("compute room.obj -o a/b/c --correction pixel --resolution 16 -q")
+        .is(0);
     place
         .line("compute room.obj -o m --json=directory")
         .fails_with(&["`directory` is a directory"]);
@@ -1021,7 +1047,7 @@ fn a_file_that_cannot_grow_ends_the_run_with_a_word() {
     let place = Place::new();
     place.line("generate room --patches 2560 -o room.obj").is(0);
     // The patch table fits, a part does not.
-    limited(&place, 400, "compute room.obj -o m --resolution 256").fails_with(&[
+    limited(&place, 400, "compute room.obj -o m --correction pixel --resolution 256").fails_with(&[
         "part-00000",
         "disk is full",
         "hint: ",
@@ -1156,17 +1182,7 @@ fn real_scenes_from_start_to_end() {
     let place = Place::new();
     if let Some(scene) = shared_scene("cornell/cornell-measured-closed-20q.obj") {
         let scene = scene.to_str().expect("UTF-8");
-        let line = [
-            "compute",
-            scene,
-            "--subdivide",
-            "4",
-            "-o",
-            "room",
-            "--resolution",
-            "64",
-            "--json",
-        ];
+        let line = ["compute", scene, "--subdivide", "4", "-o", "room", "--json"];
         let report = place.run(line).is(0).json();
         assert_eq!(report["rows"], 10_240);
         assert_eq!(report["escaped"], 0.0, "the room is closed");

@@ -67,15 +67,11 @@ fn rows(place: &TempDir, store: &str) -> BTreeMap<InputPatch, Vec<(u32, u64)>> {
 #[test]
 fn a_compact_matrix_is_the_plain_one_rounded_whatever_the_threads() {
     let place = city();
-    run(&place, "compute city.obj -o plain --resolution 64", 0);
-    let report = json(
-        &place,
-        "compute city.obj -o one --resolution 64 --store compact --threads 1 --json",
-        0,
-    );
+    run(&place, "compute city.obj -o plain", 0);
+    let report = json(&place, "compute city.obj -o one --store compact --threads 1 --json", 0);
     run(
         &place,
-        "compute city.obj -o three --resolution 64 --store compact --threads 3 --batch 5",
+        "compute city.obj -o three --store compact --threads 3 --batch 5",
         0,
     );
     assert_eq!(bytes(&place, "one"), bytes(&place, "three"));
@@ -137,10 +133,10 @@ fn sums_of_pixels_keep_their_bounds_in_the_compact_form() {
 #[test]
 fn a_least_factor_does_what_balance_does_afterwards() {
     let place = city();
-    run(&place, "compute city.obj -o whole --resolution 64", 0);
+    run(&place, "compute city.obj -o whole", 0);
     let report = json(
         &place,
-        "compute city.obj -o thin --resolution 64 --min-factor 2e-4 --threads 3 --batch 7 --json",
+        "compute city.obj -o thin --min-factor 2e-4 --threads 3 --batch 7 --json",
         0,
     );
     let after = json(&place, "balance whole -o balanced --min-factor 2e-4 --json", 0);
@@ -246,7 +242,7 @@ fn a_large_matrix_is_kept_small_unless_all_of_it_is_asked_for() {
 fn balance_says_by_its_exit_code_how_it_went() {
     let place = tempfile::tempdir().expect("a temporary directory");
     run(&place, "generate room --patches 400 -o room.obj", 0);
-    run(&place, "compute room.obj -o F --resolution 64 --store compact", 0);
+    run(&place, "compute room.obj -o F --store compact", 0);
     let found = json(&place, "balance F -o closed --closure --json", 0);
     assert_eq!(found["balance"]["converged"], true);
     let of_others = found["balance"]["closure_max_of_others"].as_f64().expect("a number");
@@ -272,7 +268,7 @@ fn balance_says_by_its_exit_code_how_it_went() {
     run(&place, "balance F -o closed --closure", 2);
     run(&place, "balance F -o F --closure --overwrite", 2);
     run(&place, "balance nothing -o none --closure", 2);
-    run(&place, "compute room.obj -o some --resolution 64 --sample-rows 10", 0);
+    run(&place, "compute room.obj -o some --sample-rows 10", 0);
     let refused = stderr(&run(&place, "balance some -o none --closure", 2));
     assert!(refused.contains("10 of"), "{refused}");
     assert!(!place.path().join("none").exists());

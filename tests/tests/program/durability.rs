@@ -155,8 +155,8 @@ fn every_kind_of_run_goes_on() {
     for settings in [
         "--tolerance 2%",
         "--min-factor 1e-5 --store compact",
-        "--rows 100..3000 --samples 4 --resolution 32",
-        "--sample-rows 30% --correction point --resolution 64",
+        "--rows 100..3000 --correction pixel --samples 4 --resolution 32",
+        "--sample-rows 30% --tolerance 1%",
     ] {
         let compute = format!("compute city.obj -q {settings}");
         place.line(&format!("{compute} -o whole --overwrite")).is(0);
@@ -211,8 +211,8 @@ fn another_scene_and_other_settings_are_refused_by_name() {
             &["it was computed with `--resolution 32`, and here it is with `--resolution 64`"][..],
         ),
         (
-            "compute city.obj -q --resolution 32",
-            &["with `--correction pixel`, and here it is with `--correction area`"],
+            "compute city.obj -q",
+            &["with `--correction pixel`, and here it is with `--correction tolerance`"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --rows 0..100",
@@ -538,9 +538,7 @@ fn messages_can_be_json() {
         let line = |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
         text.lines().map(line).collect()
     };
-    let ran = place
-        .line("compute city.obj -o m --resolution 32 --log-format json")
-        .is(0);
+    let ran = place.line("compute city.obj -o m --log-format json").is(0);
     let said = lines(&ran.err);
     for stage in ["load", "settle", "build", "store", "rows", "finish"] {
         let closed = |line: &&serde_json::Value| line["message"] == "close" && line["span"]["stage"] == stage;
@@ -556,7 +554,7 @@ fn messages_can_be_json() {
             .is_some_and(|text| text.contains("1,000 patches"))
     }));
     let failed = place
-        .line("compute city.obj -o m --resolution 64 --log-format json")
+        .line("compute city.obj -o m --tolerance 5% --log-format json")
         .is(2);
     let said = lines(&failed.err);
     let last = said.last().expect("a line");
@@ -565,9 +563,7 @@ fn messages_can_be_json() {
         last["hint"].as_str().is_some_and(|hint| hint.contains("--overwrite")),
         "{last}"
     );
-    let quiet = place
-        .line("compute city.obj -o m --resolution 32 --log-format json -q")
-        .is(0);
+    let quiet = place.line("compute city.obj -o m --log-format json -q").is(0);
     assert_eq!(quiet.err, "");
 }
 

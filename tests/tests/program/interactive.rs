@@ -494,8 +494,10 @@ fn a_request_to_terminate_leaves_the_terminal_as_it_was() {
 fn control_c_while_rows_are_computed_keeps_them_and_comes_back() {
     let place = Place::new();
     place.line("generate room --patches 1000 -o room.obj").is(0);
-    place.line("compute room.obj -o straight.hemicube --samples 16").is(0);
-    std::fs::write(place.path("hemicube.toml"), "samples = 16\n").unwrap();
+    place
+        .line("compute room.obj -o straight.hemicube --correction pixel --samples 16")
+        .is(0);
+    std::fs::write(place.path("hemicube.toml"), "correction = \"pixel\"\nsamples = 16\n").unwrap();
     let terminal = Terminal::hemicube(&place);
     terminal.pick(MAIN, "Compute form factors");
     terminal.pick(SCENE, "room.obj");
@@ -540,8 +542,8 @@ fn a_wrong_value_is_refused_in_the_words_of_the_command_line() {
     terminal.pick(MAIN, "Change configuration");
     for (setting, wrong, right) in [
         ("resolution", "100", "64"),
-        ("tolerance", "5", "5%"),
         ("samples", "3", "4"),
+        ("tolerance", "5", "5%"),
     ] {
         let refused = place
             .line(&format!("compute cornell-box.obj -o x --{setting} {wrong}"))
@@ -572,14 +574,14 @@ fn a_wrong_value_is_refused_in_the_words_of_the_command_line() {
     let (_, rows) = open_question(&screen).expect("a menu");
     assert!(
         rows.iter()
-            .any(|row| row.contains("tolerance") && row.contains("not set")),
+            .any(|row| row.contains("samples") && !row.contains("4*")),
         "{screen}"
     );
     terminal.pick(CHANGE, "Back");
     terminal.pick(MAIN, "Compute form factors");
     terminal.pick(SCENE, "cornell-box.obj");
     terminal.asked(RUN);
-    let line = "compute cornell-box.obj -o cornell-box.hemicube --samples 4\n";
+    let line = "compute cornell-box.obj -o cornell-box.hemicube --tolerance 5%\n";
     assert!(terminal.screen().contains(line), "{}", terminal.screen());
 }
 
@@ -589,7 +591,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     cornell(&place);
     std::fs::write(
         place.path("hemicube.toml"),
-        "# ours\ncorrection = \"area\" # enough\ntolerance = 0.02\nscenes = \"more\"\n",
+        "# ours\ncorrection = \"tolerance\" # enough\ntolerance = 0.02\nscenes = \"more\"\n",
     )
     .unwrap();
     std::fs::create_dir(place.path("more")).unwrap();
@@ -626,7 +628,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     assert_eq!(terminal.number("more/other.ac"), 2);
     terminal.pick(SCENE, "cornell-box.obj");
     terminal.asked(RUN);
-    let line = "compute cornell-box.obj -o cornell-box.hemicube\n";
+    let line = "compute cornell-box.obj -o cornell-box.hemicube --tolerance 5%\n";
     assert!(terminal.screen().contains(line), "{}", terminal.screen());
     terminal.pick(RUN, "Run it");
     terminal.asked("What next with cornell-box.hemicube:");
@@ -641,9 +643,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
 fn a_result_is_looked_at() {
     let place = Place::new();
     cornell(&place);
-    place
-        .line("compute cornell-box.obj -o a.hemicube --resolution 64")
-        .is(0);
+    place.line("compute cornell-box.obj -o a.hemicube").is(0);
     std::fs::write(place.path("a.npz"), "mine").unwrap();
     let terminal = Terminal::hemicube(&place);
     terminal.pick(MAIN, "Look at a result");
@@ -694,10 +694,8 @@ fn up_is_asked_for_where_nothing_tells() {
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n\
          f 1 2 3 4\nf 8 7 6 5\nf 1 5 6 2\nf 3 7 8 4\nf 2 6 7 3\nf 1 4 8 5\n",
     );
-    place.line("compute cube.obj -o a.hemicube --resolution 64").is(0);
-    place
-        .line("compute cube.obj -o told.hemicube --resolution 64 --up x")
-        .is(0);
+    place.line("compute cube.obj -o a.hemicube").is(0);
+    place.line("compute cube.obj -o told.hemicube --up x").is(0);
     place.line("report a.hemicube cube.obj -o a.html").is(2);
     let terminal = Terminal::hemicube(&place);
     let up = "Which axis points up:";

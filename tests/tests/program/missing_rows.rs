@@ -6,9 +6,7 @@ use hemicube_tests::runs::Place;
 fn two_rows() -> Place {
     let place = Place::new();
     place.line("generate room --patches 200 -o room.obj").is(0);
-    place
-        .line("compute room.obj -o two --patches object --rows 0..2 --resolution 32")
-        .is(0);
+    place.line("compute room.obj -o two --patches object --rows 0..2").is(0);
     place
 }
 

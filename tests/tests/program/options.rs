@@ -465,11 +465,11 @@ fn a_line_that_does_not_hold_is_found() {
     let (fixture, helps) = (Fixture::new(), helps());
     for wrong in [
         "compute yard.obj -o out ++ --threads 1 = changes",
-        "compute yard.obj -o out ++ --resolution 64 = same \"Pixels along an edge\"",
+        "compute yard.obj -o out --correction pixel ++ --resolution 64 = same \"Pixels along an edge\"",
         "compute yard.obj -o out ++ --threads 1 = same \"no such words\"",
-        "compute yard.obj -o out ++ --resolution 64 = refused",
-        "compute yard.obj -o out ++ --resolution 64 = has \"no such words\"",
-        "compute yard.obj -o out ++ --resolution 64 = lacks \"no such words\"",
+        "compute yard.obj -o out ++ --subdivide 1 = refused",
+        "compute yard.obj -o out ++ --subdivide 1 = has \"no such words\"",
+        "compute yard.obj -o out ++ --subdivide 1 = lacks \"no such words\"",
         "compute yard.obj -o out ++ --verbose = quiet",
         "compute yard.obj -o out ++ --quiet = verbose",
         "compute yard.obj -o out ++ --verbose = json",

@@ -196,7 +196,7 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
     write(&place, "mine.csv", "mine");
     write(&place, "mine.html", "mine");
     write(&place, "f/parts/part-00000.npz", "mine");
-    let compute = "compute room.obj -o n --no-config --resolution 32";
+    let compute = "compute room.obj -o n --no-config";
     let before = files(&place.path(""));
     for (line, words) in [
         ("inspect room.obj --json=room.obj", "is to be read"),
@@ -215,10 +215,7 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
             &format!("{compute} --json=x.json --progress-file x.json"),
             "and so would",
         ),
-        (
-            "compute room.obj -o f --no-config --resolution 32",
-            "is no part of a matrix",
-        ),
+        ("compute room.obj -o f --no-config", "is no part of a matrix"),
         (
             "solve m --materials mat.toml -o m/patches.npz",
             "lies in the directory of the matrix",
@@ -415,7 +412,7 @@ fn a_scene_names_files_of_its_own_folder_only() {
     for uri in ["sub/own.bin", "sub%2Fown.bin", "./sub/../sub/own.bin", "in.bin"] {
         write(&place, "scene/s.gltf", gltf(uri, 1, 3));
         place
-            .line("compute scene/s.gltf -o m --overwrite --resolution 32 --two-sided on -q")
+            .line("compute scene/s.gltf -o m --overwrite --two-sided on -q")
             .is(0);
     }
     // Files that an input file of CalculiX includes.
@@ -451,7 +448,7 @@ fn a_scene_names_files_of_its_own_folder_only() {
         let text = format!("mtllib {name}\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 1 4\n");
         write(&place, "scene/s.obj", text);
         place
-            .line("compute scene/s.obj -o m --overwrite --resolution 32 --two-sided on -q")
+            .line("compute scene/s.obj -o m --overwrite --two-sided on -q")
             .is(0);
         let ran = place.line("solve m --scene scene/s.obj");
         assert_eq!(
@@ -735,9 +732,7 @@ fn names_move_no_cursor_make_no_line_and_run_nothing() {
     scene["materials"] = json!([{ "name": bad }]);
     scene["meshes"][0]["primitives"][0]["material"] = json!(0);
     write(&place, "names.gltf", scene.to_string());
-    place
-        .line("compute names.gltf -o m --two-sided on --resolution 32 -q")
-        .is(0);
+    place.line("compute names.gltf -o m --two-sided on -q").is(0);
     for line in [
         "inspect names.gltf",
         "inspect names.gltf --json",

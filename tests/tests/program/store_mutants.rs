@@ -55,9 +55,7 @@ fn whole(place: &Place) {
         "[default]\nreflectance = 0.5\n[material.light]\nemission = 1\n",
     )
     .expect("a file");
-    place
-        .line("compute room.obj --subdivide 1 -o whole --resolution 64 -q")
-        .is(0);
+    place.line("compute room.obj --subdivide 1 -o whole -q").is(0);
     place.line("sky room.obj --up y --store whole -q").is(0);
     place.line("solve whole --materials lit.toml -q").is(0);
 }

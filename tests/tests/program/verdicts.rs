@@ -132,7 +132,7 @@ fn help_says_the_bound_that_holds() {
         "{help}"
     );
     place.line("generate room --patches 100 -o room.obj -q").is(0);
-    for (correction, bound) in [("pixel", Some(1e-6)), ("area", None)] {
+    for (correction, bound) in [("pixel", Some(1e-6)), ("tolerance", None)] {
         place
             .line(&format!(
                 "compute room.obj --correction {correction} -o F -q --overwrite --no-config"

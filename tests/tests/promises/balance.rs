@@ -3,12 +3,11 @@
 //!
 //! Its table: `cargo test --release -p hemicube-tests --test promises -- balance:: --ignored --nocapture`
 
-use hemicube::accuracy::correct::Correction;
+use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
 use hemicube::analysis::check::{Check, CheckOptions, check};
 use hemicube::backend::{Culling, RenderSettings};
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, compute};
-use hemicube::factor::FactorRule;
 use hemicube::reference::{EstimatedRow, Measured, Reference, ReferenceRow, ReferenceSettings, errors_against};
 use hemicube::store::{BackendEntry, Header, PatchTable, SceneEntry, Store, StoreWriter, scene_hash};
 use hemicube::{HierarchyOptions, Model};
@@ -53,7 +52,7 @@ impl Subject {
         let count = |number: usize| u32::try_from(number).expect("a small scene");
         let name = match correction {
             Correction::Pixel => "pixel",
-            _ => "area",
+            Correction::Tolerance(_) => "tolerance",
         };
         let header = Header {
             program: env!("CARGO_PKG_VERSION").to_owned(),
@@ -98,8 +97,8 @@ impl Subject {
     }
 }
 
-fn area() -> Correction {
-    Correction::Area(FactorRule::for_tolerance(1e-2))
+fn within() -> Correction {
+    Correction::Tolerance(Refinement::for_tolerance(0.02))
 }
 
 fn closure() -> BalanceOptions {
@@ -183,7 +182,7 @@ fn what_balancing_does_to_the_error() {
     }
     for (name, subject) in &subjects {
         let exact = reference(subject, 32);
-        for (rung, correction, resolution) in [("pixel", Correction::Pixel, 256), ("area", area(), 128)] {
+        for (rung, correction, resolution) in [("pixel", Correction::Pixel, 256), ("tolerance 2 %", within(), 128)] {
             let place = tempfile::tempdir().expect("a temporary directory");
             let store = subject.compute(correction, resolution, &place.path().join("raw"));
             let raw = error_of(&store, &exact);
@@ -230,7 +229,7 @@ fn what_balancing_does_to_the_error() {
 fn a_closed_room_becomes_closed_and_reciprocal() {
     let subject = Subject::generated(Kind::Room, 640);
     let place = tempfile::tempdir().expect("a temporary directory");
-    let store = subject.compute(area(), 64, &place.path().join("raw"));
+    let store = subject.compute(within(), 64, &place.path().join("raw"));
     let before = check(&store, &CheckOptions::default()).expect("a readable store");
     // Only a broken matrix can be repaired.
     assert!(before.closure.max > 1e-3, "{:?}", before.closure);

@@ -65,7 +65,7 @@ fn other_bits_are_told_and_named() {
 #[test]
 fn one_bit_of_one_number_is_another_hash() {
     let model = model(cornell_box(), Subdivision::None);
-    let Rung { correction, resolution } = Rung::area();
+    let Rung { correction, resolution } = Rung::tolerance(0.02);
     let plan = plan(&model).with_correction(correction);
     let computed = || {
         let backend = Box::new(CpuBackend::new());

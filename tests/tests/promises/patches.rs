@@ -244,7 +244,7 @@ fn quads_are_the_aggregate_of_their_triangles() {
     assert!(worst < ROUNDING, "{worst:e}");
     place.line("check faces -q").is(0);
     // The comparison does find a difference.
-    compute("other", "face --resolution 64");
+    compute("other", "face --tolerance 5%");
     let other = difference(&table(&place, "other", "object"), &table(&place, "triangles", "object"));
     assert!(other > 1e-5, "{other:e}");
 }
@@ -429,9 +429,7 @@ fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
     place.write("room.obj", obj(&open));
     for (name, more) in [("triangles", ""), ("objects", "--patches object")] {
         place
-            .line(&format!(
-                "compute room.obj -o {name} --correction point --split 2 -q {more}"
-            ))
+            .line(&format!("compute room.obj -o {name} --split 2 -q {more}"))
             .is(0);
         place
             .line(&format!("sky room.obj --store {name} --up z -q --csv {name}-sky.csv"))

@@ -12,6 +12,7 @@ use hemicube::Model;
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::driver::calibrate::calibrate;
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
+use hemicube::driver::level::DEFAULT_TOLERANCE;
 use hemicube::store::{Part, RowShares};
 use hemicube_scene::generate::{Generate, Kind, generate, room};
 use hemicube_scene::{InputPatch, Scene, Subdivision};
@@ -98,7 +99,7 @@ fn the_centroid_alone_breaks_what_the_tolerance_keeps() {
     };
     let mut far_off = 0;
     for pair in pairs.iter().filter(|pair| pair.exact[0] > 0.0) {
-        let found = both_ways(pair, ROTATED, WHOLE, |_| Rung::point());
+        let found = both_ways(pair, ROTATED, WHOLE, |_| Rung::PIXEL);
         let off = found.iter().zip(pair.exact).map(|(f, exact)| (f / exact - 1.0).abs());
         let worst = off.fold(0.0, f64::max);
         say(&format!(
@@ -546,7 +547,7 @@ fn closed_rooms() {
 fn sums_of_groups(triangles: &[(usize, Triangle)], tolerance: Option<f64>) -> Vec<f64> {
     let scene = moved(scene_of(triangles.iter().map(|t| t.1)), ROTATED.1);
     let model = model_as_it_is(&scene, WHOLE);
-    let rung = tolerance.map_or_else(Rung::area, |tolerance| Rung::settled(&model, tolerance));
+    let rung = Rung::settled(&model, tolerance.unwrap_or(DEFAULT_TOLERANCE));
     let groups: Vec<usize> = triangles.iter().map(|t| t.0).collect();
     let found = between_groups(&model, &matrix(&model, rung), &groups);
     found.iter().map(|row| row.iter().sum()).collect()

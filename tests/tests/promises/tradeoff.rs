@@ -72,12 +72,11 @@ fn number(value: &Value) -> f64 {
 fn what_is_not_said_is_settled_and_recorded() {
     let place = Place::with("room", 40);
     for (settings, correction, resolution, tolerance) in [
-        ("", "area", 128, None),
+        ("", "tolerance", 128, Some(0.02)),
         ("--correction pixel", "pixel", 256, None),
         ("--correction pixel --resolution 64", "pixel", 64, None),
-        ("--correction point --resolution auto", "point", 128, None),
         ("--tolerance 0.3%", "tolerance", 128, Some(0.003)),
-        ("--tolerance 0.02 --correction area", "tolerance", 128, Some(0.02)),
+        ("--tolerance 0.02 --correction tolerance", "tolerance", 128, Some(0.02)),
     ] {
         let report = place.json(&format!("compute scene.obj -o m --overwrite -q --json {settings}"), 0);
         let manifest = place.manifest("m");
@@ -112,19 +111,19 @@ fn a_tolerance_comes_in_layers_like_any_setting() {
     };
     let text = printed("--no-config");
     assert!(
-        has(&text, "# tolerance =", "not set") && has(&text, "resolution = \"auto\"", "built-in"),
+        has(&text, "tolerance = \"2%\"", "built-in") && has(&text, "resolution = \"auto\"", "built-in"),
         "{text}"
     );
-    assert!(has(&text, "correction = \"area\"", "built-in"), "{text}");
+    assert!(has(&text, "correction = \"tolerance\"", "built-in"), "{text}");
 
-    place.write("hemicube.toml", "tolerance = \"2%\"\n");
-    assert!(has(&printed(""), "tolerance = \"2%\"", "hemicube.toml:1"));
+    place.write("hemicube.toml", "tolerance = \"3%\"\n");
+    assert!(has(&printed(""), "tolerance = \"3%\"", "hemicube.toml:1"));
     let text = printed("--tolerance 0.004");
     assert!(has(&text, "tolerance = 0.004", "command line"), "{text}");
     // The command line's word against the file's: the tolerance gives way, or what excludes it does.
-    for settings in ["--correction pixel", "--correction area", "--samples 4"] {
+    for settings in ["--correction pixel", "--samples 4"] {
         assert!(
-            has(&printed(settings), "# tolerance =", "not set"),
+            has(&printed(settings), "tolerance = \"2%\"", "built-in"),
             "{settings}: {}",
             printed(settings)
         );
@@ -132,10 +131,10 @@ fn a_tolerance_comes_in_layers_like_any_setting() {
     place.write("hemicube.toml", "correction = \"pixel\"\nsamples = 4\n");
     let text = printed("--tolerance 1%");
     assert!(
-        has(&text, "correction = \"area\"", "built-in") && has(&text, "samples = 1", "built-in"),
+        has(&text, "correction = \"tolerance\"", "built-in") && has(&text, "samples = 1", "built-in"),
         "{text}"
     );
-    place.write("hemicube.toml", "correction = \"area\"\ntolerance = 0.01\n");
+    place.write("hemicube.toml", "correction = \"tolerance\"\ntolerance = 0.01\n");
     place.line("compute scene.obj -o m -q", 0);
     assert_eq!(place.manifest("m")["settings"]["tolerance"], 0.01);
 
@@ -145,9 +144,11 @@ fn a_tolerance_comes_in_layers_like_any_setting() {
             ["exclude each other", "`--correction`"],
         ),
         (
-            "--tolerance 1% --correction point",
-            ["exclude each other", "`--tolerance`"],
+            "--resolution 64",
+            ["`--resolution` does nothing", "`--correction pixel`"],
         ),
+        ("--samples 4", ["`--samples` does nothing", "`--correction pixel`"]),
+        ("--correction area", ["`tolerance`", "`pixel`"]),
         ("--tolerance 1% --samples 4", ["exclude each other", "`--samples`"]),
         ("--tolerance 0", ["--tolerance", "50%"]),
         ("--tolerance=-1%", ["--tolerance", "50%"]),
@@ -176,7 +177,7 @@ fn a_run_measures_its_own_error() {
         place.json(&line, 0)["verification"].clone()
     };
     let pixel = verified("--correction pixel --verify 100000");
-    let area = verified("--correction area --verify 100000");
+    let area = verified("--verify 100000");
     assert_eq!(
         (&pixel["rows"], &pixel["rows_computed"]),
         (&Value::from(160), &Value::from(160))
@@ -188,6 +189,7 @@ fn a_run_measures_its_own_error() {
         "{pixel} {area}"
     );
     assert!(pixel["verdict"].is_null(), "without a tolerance there is no verdict");
+    assert_eq!(area["verdict"], "kept", "{area}");
     assert!(number(&area["measured"]["reference_noise"]) < 0.005, "{area}");
 
     let kept = verified("--tolerance 5% --verify 100000");

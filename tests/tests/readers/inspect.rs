@@ -60,7 +60,7 @@ fn nothing_is_said_where_nothing_is_wrong() {
         .flat_map(quad)
         .collect();
     write(&scene, &room);
-    let arguments = ["--split", "8", "--resolution", "256"];
+    let arguments = ["--split", "8"];
     let text = inspect(&scene, &arguments);
     assert!(!text.contains(HEADING) && !text.contains("try"), "{text}");
     let report = json(&scene, &arguments);

@@ -34,7 +34,7 @@ fn every_command_asks_where_nothing_tells() {
     let place = Place::new();
     place.write("cube.obj", CUBE);
     assert!(inspected(&place, "cube.obj").1);
-    place.line("compute cube.obj --resolution 64 -o F -q --no-config").is(0);
+    place.line("compute cube.obj -o F -q --no-config").is(0);
     for line in [
         "sky cube.obj -o sky",
         "report F cube.obj -o F.html",
@@ -51,9 +51,7 @@ fn every_command_asks_where_nothing_tells() {
     }
     assert_eq!(of_page(&place, "F.html"), "z");
     // A matrix that was told knows it.
-    place
-        .line("compute cube.obj --resolution 64 --up x -o G -q --no-config")
-        .is(0);
+    place.line("compute cube.obj --up x -o G -q --no-config").is(0);
     place.line("report G cube.obj -o G.html").is(0);
     assert_eq!(of_page(&place, "G.html"), "x");
 }
@@ -83,9 +81,7 @@ fn what_inspect_finds_is_what_the_others_use() {
     for (scene, axis) in scenes {
         assert_eq!(inspected(&place, &scene), (axis.to_owned(), false), "{scene}");
         place
-            .line(&format!(
-                "compute {scene} --resolution 64 -o F -q --overwrite --no-config"
-            ))
+            .line(&format!("compute {scene} -o F -q --overwrite --no-config"))
             .is(0);
         place
             .line(&format!("report F {scene} -o F.html --overwrite"))

@@ -120,7 +120,7 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
             assert!(said.iter().any(named), "{name}: {said:?}");
         }
         let run = place
-            .line("compute wrong.obj --split 3 -o W --overwrite --no-config --resolution 64")
+            .line("compute wrong.obj --split 3 -o W --overwrite --no-config")
             .is(0);
         run.says(&[&format!("`{}` faces the wrong way", wrong[0])]);
 
@@ -129,7 +129,7 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
         assert!(sentences(&inspected(&place, &format!("wrong.obj --split 3{flips}"))).is_empty());
         place
             .line(&format!(
-                "compute wrong.obj --split 3{flips} -o R --overwrite --no-config --resolution 64"
+                "compute wrong.obj --split 3{flips} -o R --overwrite --no-config"
             ))
             .is(0);
         let manifest: Value =
@@ -145,7 +145,7 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
         place.line("sky wrong.obj --store R --up z").is(0);
         place.line("check R").is(0);
         // Another way round is another scene: a run does not go on with it.
-        let other = place.line("compute wrong.obj --split 3 -o R --resume --no-config --resolution 64");
+        let other = place.line("compute wrong.obj --split 3 -o R --resume --no-config");
         assert_ne!(other.code, Some(0), "{}", other.err);
     }
     let refused = place.line("inspect wrong.obj --flip nothing --no-config");
@@ -192,7 +192,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
         .into();
     write(&place, "box.obj", obj(&quads).as_bytes());
     place
-        .line("compute box.obj --split 4 -o E --no-config --resolution 64")
+        .line("compute box.obj --split 4 -o E --no-config")
         .is(0)
         .says(&["wound outwards throughout", "`--flip all`"]);
     let checked = place.line("check E").is(1);
@@ -202,7 +202,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
         checked.out
     );
     place
-        .line("compute box.obj --split 4 -o F --flip all --no-config --resolution 64")
+        .line("compute box.obj --split 4 -o F --flip all --no-config")
         .is(0);
     let checked = place.line("check F").is(0);
     assert!(checked.out.contains("Everything holds"), "{}", checked.out);
@@ -237,11 +237,11 @@ fn an_inside_out_city_is_named_and_a_city_is_not() {
     let found = inspected(&place, "inside.obj");
     assert_eq!((sentences(&found).len(), &found["apart"]), (0, &Value::from(16)));
     place
-        .line("compute inside.obj -o I --no-config --resolution 64")
+        .line("compute inside.obj -o I --no-config")
         .is(0)
         .says(&["16 groups of surfaces each see only their own insides", "`--flip all`"]);
     place
-        .line("compute wrong.obj -o W --no-config --resolution 64")
+        .line("compute wrong.obj -o W --no-config")
         .is(0)
         .says(&["16 objects face inwards", "`--flip 'building *'`"]);
 }
@@ -342,7 +342,7 @@ fn a_ground_that_faces_down_and_a_city_turned_over_are_named() {
     assert!(said[0].contains("`--flip ground`"), "{said:?}");
     assert!(sentences(&inspected(&place, "ground.obj --split 2 --flip ground")).is_empty());
     place
-        .line("compute ground.obj -o G --no-config --resolution 64")
+        .line("compute ground.obj -o G --no-config")
         .is(0)
         .says(&["`ground` faces down"]);
     // Whatever its objects are called, and as one object.
@@ -358,7 +358,7 @@ fn a_ground_that_faces_down_and_a_city_turned_over_are_named() {
         );
         assert!(sentences(&inspected(&place, &format!("{file} --split 2 --flip all"))).is_empty());
         place
-            .line(&format!("compute {file} -o A --overwrite --no-config --resolution 64"))
+            .line(&format!("compute {file} -o A --overwrite --no-config"))
             .is(0)
             .says(&["everything faces the wrong way", "`--flip all`"]);
     }
@@ -567,7 +567,7 @@ fn a_leak_is_named_and_bounded() {
         "{said}"
     );
 
-    place.line("compute hole.obj -o H --no-config --resolution 64").is(0);
+    place.line("compute hole.obj -o H --no-config").is(0);
     let checked = place.line("check H").is(0).out;
     assert!(checked.contains("nearly closed"), "{checked}");
     place.line("check H --escaped 0.5").is(0);
@@ -710,9 +710,7 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
         b"[default]\nemissivity = 0.9\ntemperature = 293.15\n",
     );
     for scene in ["open", "closed"] {
-        place
-            .line(&format!("compute {scene}.obj -o {scene} --no-config --resolution 64"))
-            .is(0);
+        place.line(&format!("compute {scene}.obj -o {scene} --no-config")).is(0);
     }
     let solve = |line: &str| place.line(&format!("solve {line} --thermal")).is(0).err;
     let questions = |text: &str| {
@@ -750,7 +748,7 @@ fn libraries_tables_and_conditions_in_utf_16_are_named() {
         "s.obj",
         b"mtllib s.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\nf 4 6 5\n",
     );
-    place.line("compute s.obj -o S --no-config --resolution 64").is(0);
+    place.line("compute s.obj -o S --no-config").is(0);
     let said = place.line("solve S --scene s.obj").is(2).err;
     assert!(
         said.contains("s.mtl") && said.contains("is UTF-16 text; save it as UTF-8"),

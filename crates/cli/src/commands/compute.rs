@@ -290,6 +290,7 @@ impl Tally {
 }
 
 pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
+    arguments.render.require_effect()?;
     let bands = arguments.portals.bands()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     // clap requires a scene; only `--print-config` goes without.
@@ -487,7 +488,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.render.work())?;
     // Of the scene alone: the images that portals add are its triangles once more.
     let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
-    let tolerance = arguments.render.tolerance.map(|tolerance| tolerance.0);
+    let tolerance = arguments.render.tolerance().map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
     let portals = arguments
         .portals
@@ -622,7 +623,7 @@ impl Ending<'_> {
                 let verify = Verify {
                     rows,
                     seed: arguments.selection.seed,
-                    tolerance: arguments.render.tolerance,
+                    tolerance: arguments.render.tolerance(),
                     threads: self.threads,
                     cancel,
                     engine: &arguments.render.engine,
@@ -888,7 +889,7 @@ fn timings(watch: &Watch<'_>, prepared: &Prepared, finished: &Finished) -> Timin
 /// Warns where leaving out small form factors takes the expected error above the tolerance.
 fn warn_of_error(report: &Report, arguments: &Arguments, talk: Talk) {
     if let (Some(tolerance), Some(error), Some(thinning)) =
-        (arguments.render.tolerance, report.expected_error, report.thinning)
+        (arguments.render.tolerance(), report.expected_error, report.thinning)
         && error > tolerance.0
     {
         talk.warn(&format!(

@@ -461,7 +461,6 @@ mod tests {
     use super::setting::Rung;
     use super::trial::Timing;
     use super::*;
-    use crate::args::Correction as Name;
     use crate::command_line::{Cli, Command};
     use clap::Parser;
     use hemicube::reference::{Interval, Measured};
@@ -477,10 +476,10 @@ mod tests {
     fn trial(setting: Setting, milliseconds: f64, error: f64) -> Trial {
         Trial {
             name: setting.name(),
-            rung: "area",
+            rung: "pixel",
             tolerance: match setting.rung {
                 Rung::Tolerance(tolerance) => Some(tolerance),
-                Rung::Named(_) => None,
+                Rung::Pixel => None,
             },
             samples: 1,
             resolution: setting.resolution,
@@ -504,9 +503,9 @@ mod tests {
         }
     }
 
-    fn area(samples_per_edge: u32) -> Setting {
+    fn pixels(samples_per_edge: u32) -> Setting {
         Setting {
-            rung: Rung::Named(Name::Area),
+            rung: Rung::Pixel,
             resolution: 128,
             samples_per_edge,
         }
@@ -524,7 +523,7 @@ mod tests {
     fn what_is_tried_has_distinct_names_and_the_tolerance_asked_for() {
         for (asked, more) in [(0.01, 0), (0.007, 1), (0.3 / 100.0, 0)] {
             let tried = settings(Tolerance(asked));
-            assert_eq!(tried.len(), 12 + 3 + 9 + 6 + more);
+            assert_eq!(tried.len(), 12 + 6 + more);
             assert!(
                 tried
                     .iter()
@@ -549,11 +548,11 @@ mod tests {
             };
             let render = compute.render;
             match setting.rung {
-                Rung::Named(name) => assert_eq!(
-                    (render.correction, render.samples.per_edge, render.tolerance),
-                    (name, setting.samples_per_edge, None)
+                Rung::Pixel => assert_eq!(
+                    (render.tolerance(), render.samples.per_edge),
+                    (None, setting.samples_per_edge)
                 ),
-                Rung::Tolerance(t) => assert!(render.tolerance.is_some_and(|read| is_same(read.0, t)), "{words}"),
+                Rung::Tolerance(t) => assert!(render.tolerance().is_some_and(|read| is_same(read.0, t)), "{words}"),
             }
         }
     }
@@ -562,9 +561,9 @@ mod tests {
     fn the_front_and_the_cheapest_that_is_good_enough() {
         let mut trials = [
             trial(within(0.001), 9.0, 0.001),
-            trial(area(2), 2.0, 0.03),
-            trial(area(1), 0.5, 0.02),
-            trial(area(4), 3.0, 0.0199),
+            trial(pixels(2), 2.0, 0.03),
+            trial(pixels(1), 0.5, 0.02),
+            trial(pixels(4), 3.0, 0.0199),
             trial(within(0.01), 1.5, 0.008),
             trial(within(0.02), 1.2, f64::NAN),
         ];
@@ -574,7 +573,7 @@ mod tests {
             .filter(|t| t.is_on_front())
             .map(|t| t.name.as_str())
             .collect();
-        assert_eq!(front, ["area K=1 N=128", "tolerance 1%", "tolerance 0.1%"]);
+        assert_eq!(front, ["pixel K=1 N=128", "tolerance 1%", "tolerance 0.1%"]);
 
         let recommended = |words: &[&str]| {
             let arguments = arguments(words);
@@ -597,7 +596,7 @@ mod tests {
             .as_deref(),
             Some(
                 "hemicube compute 'x/a b.obj' -o 'a b.hemicube' --subdivide 2 --scale 0.5 --keep-duplicates \
-                 --correction area --samples 1 --resolution 128"
+                 --correction pixel --samples 1 --resolution 128"
             )
         );
         assert_eq!(recommended(&["--tolerance", "0.05%"]), None);

@@ -1,11 +1,8 @@
 //! From weights to form factors, by the chosen accuracy level.
 //!
 //! - *pixel*: F_ij = Σ visible weight. Aliasing falls with the resolution; the error of a point emitter does not.
-//! - *point*: F_ij = visible fraction × the closed form from the hemicube's centre.
-//! - *area*: F_ij = visible fraction × the closed form from the whole emitter, as symmetric as visibility allows. Rays
-//!   measure the few pairs about which one point is most wrong: patches all but touching, seen or not, and large ones
-//!   partly seen.
-//! - *tolerance*: the level *area*, with rays for all pairs whose penumbra matters ([`Refinement`]).
+//! - *tolerance*: F_ij = visible fraction × the closed form from the whole emitter. Rays measure the fractions of all
+//!   pairs whose penumbra matters ([`Refinement`]).
 //!
 //! The *visible fraction* is a patch's visible weight over the weight it would cover alone, by the same rasteriser.
 //! Over K hemicubes of a patch, fractions are averaged with the closed form from each centre as weight: the share of
@@ -17,11 +14,11 @@ use crate::accuracy::grain::Grain;
 use crate::accuracy::ray_shares::{self, RayShares};
 pub use crate::accuracy::refine::Refinement;
 use crate::accuracy::refine::sums::Lacking;
-use crate::accuracy::refine::{Pair, Refined, Refiner};
-use crate::accuracy::row::{Emitter, RowLists, UnfinishedRow};
+use crate::accuracy::refine::{Pair, Refined, Refiner, insert, sees, sum_of};
+use crate::accuracy::row::Emitter;
 use crate::backend::{Hemicube, WHOLE};
 use crate::bvh::Tree;
-use crate::factor::{Exchanges, FactorRule, PointFactors};
+use crate::factor::PointFactors;
 use crate::row::RowView;
 use crate::store::{Part, RowShares, RowSums};
 use crate::visibility::coplanar::CoplanarRegions;
@@ -38,7 +35,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// # use hemicube::store::Part;
 /// # use hemicube::InputPatch;
 /// # use hemicube_backend_cpu::CpuBackend;
-/// use hemicube::accuracy::correct::Correction;
+/// use hemicube::accuracy::correct::{Correction, Refinement};
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let model = room::model_of(&room::squares())?;
 /// # let exchanged = |correction: Correction| -> room::Result<f64> {
@@ -54,35 +51,29 @@ use std::sync::atomic::{AtomicBool, Ordering};
 ///
 /// // `exchanged` computes the squares' rows, eight patches each, and adds them up.
 /// let error = |found: f64| (found / 0.199_825 - 1.0).abs();
-/// let (pixel, area) = (error(exchanged(Correction::Pixel)?), error(exchanged(Correction::area())?));
-/// assert!(area < 1e-3, "nothing is hidden: only the closed form is left: {area}");
-/// assert!(pixel > 5.0 * area, "from one point of a patch, another is seen larger or smaller: {pixel}");
+/// let within = Correction::Tolerance(Refinement::for_tolerance(0.02));
+/// let (pixel, whole) = (error(exchanged(Correction::Pixel)?), error(exchanged(within)?));
+/// assert!(whole < 1e-3, "nothing is hidden: only the closed form is left: {whole}");
+/// assert!(pixel > 5.0 * whole, "from one point of a patch, another is seen larger or smaller: {pixel}");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one of it in a run, and it stays `Copy` as what it holds"
+)]
 pub enum Correction {
     /// Sums of pixels.
     Pixel,
-    /// Visible fraction × point-to-area closed form.
-    Point,
-    /// Visible fraction × area-to-area closed form, integrated by this rule; some fractions by rays.
-    Area(FactorRule),
-    /// The level *area* with rays at all partly visible pairs, in numbers by the tolerance.
+    /// Visible fraction × area-to-area closed form, with rays at the pairs that matter, in numbers by the tolerance.
     Tolerance(Refinement),
 }
 
 impl Correction {
-    /// The level *area* with a closed form right to some thousandths: one hemicube leaves more than that to visibility.
-    pub fn area() -> Self {
-        Self::Area(FactorRule::for_tolerance(1e-2))
-    }
-
     /// The name in settings and manifests.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Pixel => "pixel",
-            Self::Point => "point",
-            Self::Area(_) => "area",
             Self::Tolerance(_) => "tolerance",
         }
     }
@@ -91,11 +82,9 @@ impl Correction {
     /// one over its coplanar regions. They are cached with the scene.
     pub fn prepare(&self, model: &Model) {
         Spaces::of(model);
-        if matches!(self, Self::Area(_) | Self::Tolerance(_)) {
+        if matches!(self, Self::Tolerance(_)) {
             Tree::of(model.geometry());
             CoplanarRegions::of(model);
-        }
-        if !matches!(self, Self::Pixel) {
             Grain::of(model.geometry());
         }
     }
@@ -118,21 +107,13 @@ impl Correction {
         }
     }
 
-    /// Permitted error of a row's sum.
-    fn permitted_sum(&self) -> f64 {
-        match self {
-            Self::Tolerance(refinement) => refinement.tolerance.min(USUAL_SUM),
-            _ => USUAL_SUM,
-        }
-    }
-
     /// |ΣF + non-visible shares − 1| from which on a row with these weights is inconsistent.
     fn inconsistent_from(&self, sums: &RowSums) -> f64 {
         match self {
             Self::Pixel => f64::INFINITY,
-            _ if sums.escaped > 0 => INCONSISTENT,
+            Self::Tolerance(_) if sums.escaped > 0 => INCONSISTENT,
             Self::Tolerance(refinement) if !refinement.is_open => refinement.tolerance.max(INCONSISTENT_AT_LEAST),
-            Self::Point | Self::Area(_) | Self::Tolerance(_) => INCONSISTENT_IN_THE_CLOSED,
+            Self::Tolerance(_) => INCONSISTENT_IN_THE_CLOSED,
         }
     }
 }
@@ -150,7 +131,6 @@ pub(crate) struct Rendered<'a, R> {
 /// Attempt at a row: inconsistent ones are rendered again, with more hemicubes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Attempt {
-    pub(crate) is_first: bool,
     pub(crate) is_last: bool,
     /// True if the emitter is so large that it has several hemicubes in any case ([`crate::accuracy::grain`]).
     pub(crate) is_large: bool,
@@ -183,8 +163,6 @@ const INCONSISTENT: f64 = 0.15;
 /// If nothing escapes, sums are known better, but no better than hemicubes know the blocked share. Choices.
 const INCONSISTENT_IN_THE_CLOSED: f64 = 0.05;
 const INCONSISTENT_AT_LEAST: f64 = 0.01;
-/// Share of backs and of patches without a column from which on rays measure the non-visible shares. A choice.
-const BACKS: f64 = 0.1;
 /// Visible fraction from which on a patch is all visible: the rest is rounding of weights, not an occluder.
 const ALL_VISIBLE: f64 = 0.9999;
 /// Number of standard errors of the non-visible share that a row must lack before pairs are looked for. A choice.
@@ -205,16 +183,15 @@ const SURE_OF_BOTH: f64 = 3.0;
 /// Number of standard errors by which a first look differs from a hemicube's shares that does not stand for the patch.
 /// A choice: of normal errors one in twenty is as large by chance, and such a row is measured for nothing.
 const DIFFERENT: f64 = 2.0;
-/// Permitted error of a row's sum where no tolerance is asked for. A choice.
-const USUAL_SUM: f64 = 0.02;
+/// Permitted error of a row's sum at most, whatever the tolerance. A choice: with more, rows lose what nobody looks for.
+const MOST_OF_A_SUM: f64 = 0.02;
+/// Permitted error of a sum from which on rays do not look for shares where the hemicubes show none that matters. A choice:
+/// with less, the default costs more; with more, finer tolerances lose what nobody looks for.
+const COARSE_SUM: f64 = 0.015;
 
 /// Number of rays to patches unseen by the row that a permitted share of them would meet: so many rays tell whether pairs
 /// are missing. A choice.
 const SURE_UNSEEN: f64 = 4.0;
-
-/// Number of times at most that the fractions of a row are moved towards its known sum, each time by three standard
-/// errors at most: where one time does not do, standard errors say too little of it. A choice.
-const MOVES: usize = 8;
 
 /// A patch in one of the row's hemicubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -272,8 +249,6 @@ struct Weights {
     shares: RowShares,
     /// Their sum.
     lost: f64,
-    /// Share of backs and of patches without a column.
-    backs: f64,
     /// True if some weight did not escape.
     sees_anything: bool,
     /// See [`Correction::inconsistent_from`].
@@ -287,7 +262,6 @@ impl Weights {
             samples,
             shares: RowShares::of_hemicubes(sums, u32::try_from(samples).unwrap_or(u32::MAX)),
             lost: (sums.escaped + sums.blocked + sums.unselected) as f64 / whole,
-            backs: (sums.blocked + sums.unselected) as f64 / whole,
             sees_anything: sums.escaped < u64::from(WHOLE) * samples as u64,
             bound: correction.inconsistent_from(sums),
         }
@@ -299,11 +273,9 @@ impl Weights {
     }
 }
 
-/// Result of the levels *area* and *tolerance*.
+/// Result of the level *tolerance*.
 #[derive(Clone, Copy, Debug)]
 struct Corrected {
-    /// `None` if the hemicubes' shares decide.
-    is_inconsistent: Option<bool>,
     error: f32,
     rays: u64,
     partial: usize,
@@ -313,7 +285,6 @@ struct Corrected {
 impl Default for Corrected {
     fn default() -> Self {
         Self {
-            is_inconsistent: None,
             error: f32::NAN,
             rays: 0,
             partial: 0,
@@ -335,11 +306,6 @@ pub(crate) struct Converter<'c> {
     seen: Vec<Seen>,
     /// Patches in other spaces that a sample shows, and their visible weights.
     apart: Vec<(u32, u32)>,
-    exchanges: Option<Exchanges>,
-    /// The row's patches, visible fractions and unoccluded A_i F_ij.
-    patches: Vec<u32>,
-    fractions: Vec<f64>,
-    exchange_areas: Vec<f64>,
     points: PointFactors,
     refiner: Option<Refiner<'c>>,
 }
@@ -354,18 +320,10 @@ impl<'c> Converter<'c> {
             met: Vec::new(),
             seen: Vec::new(),
             apart: Vec::new(),
-            exchanges: match correction {
-                Correction::Area(rule) => Some(Exchanges::new(rule)),
-                Correction::Pixel | Correction::Point | Correction::Tolerance(_) => None,
-            },
             refiner: match correction {
                 Correction::Tolerance(refinement) => Some(Refiner::new(refinement, cancel)),
-                Correction::Area(rule) => Some(Refiner::new(Refinement::without_tolerance(rule), cancel)),
-                Correction::Pixel | Correction::Point => None,
+                Correction::Pixel => None,
             },
-            patches: Vec::new(),
-            fractions: Vec::new(),
-            exchange_areas: Vec::new(),
             points: PointFactors::new(),
         }
     }
@@ -393,66 +351,51 @@ impl<'c> Converter<'c> {
             attempt,
         } = rendered;
         let start = part.data.len();
-        // By far the most rows of a large scene: no list of samples to sort and to group.
         let spaces = Spaces::of(model);
-        let is_plain = hemicubes.len() == 1 && matches!(self.correction, Correction::Area(_)) && !spaces.overlap();
         let view = View {
             model,
             emitter: emitter.0,
             hemicubes,
             spaces: &spaces,
         };
-        let sums = if is_plain {
-            self.fractions_of_one(&view, rows, &receives)
-        } else {
-            self.gather(&view, rows, &receives)
-        };
+        let sums = self.gather(&view, rows, &receives);
         let receives = |patch| receives(patch) && !spaces.separate(emitter.0, patch);
         if hemicubes.len() > 1 {
             self.seen.sort_unstable();
         }
         let weights = Weights::new(&sums, hemicubes.len(), &self.correction);
+        let Correction::Tolerance(refinement) = self.correction else {
+            self.pixel(hemicubes.len(), part);
+            let factors = part.data.tail(start).sum();
+            return Converted {
+                sums,
+                shares: weights.shares,
+                error: f32::NAN,
+                is_odd: weights.is_inconsistent_with(factors),
+                lost: weights.lost,
+                ..Converted::default()
+            };
+        };
         let mut balance = SumBalance {
             model,
             emitter,
             hemicubes: weights.shares,
-            permitted: self.correction.permitted_sum(),
+            permitted: refinement.tolerance.min(MOST_OF_A_SUM),
             receives,
             found: self.ray_shares,
             met: std::mem::take(&mut self.met),
             crossed: None,
         };
-        let corrected = match self.correction {
-            Correction::Pixel => self.pixel(hemicubes.len(), part),
-            Correction::Point => self.point(model, hemicubes, part),
-            Correction::Area(_) => {
-                if !is_plain {
-                    self.fractions(model, hemicubes);
-                }
-                self.area(&weights, attempt, &mut balance, part)
-            }
-            Correction::Tolerance(_) => self.tolerance(&weights, attempt, &mut balance, part),
-        };
+        let corrected = self.tolerance(&weights, attempt, &mut balance, part);
         let factors = part.data.tail(start).sum();
-        let is_odd = corrected
-            .is_inconsistent
-            .unwrap_or_else(|| weights.is_inconsistent_with(factors));
-        let is_unfinished = corrected.is_inconsistent.unwrap_or(false) && !attempt.is_last;
-        let shares = match self.correction {
-            Correction::Pixel => weights.shares,
-            Correction::Point => weights.shares.refined(factors, corrected.error.into()),
-            Correction::Area(_) | Correction::Tolerance(_) if is_unfinished => weights.shares,
-            Correction::Area(_) | Correction::Tolerance(_) => {
-                // Where each pair was measured, a row's error is known, and what is beyond it is the rays'.
-                let measured = self.refiner.as_ref().is_some_and(Refiner::measures_each);
-                let own = if measured {
-                    crate::store::ERRORS * f64::from(corrected.error)
-                } else {
-                    f64::INFINITY
-                };
-                balance.refined_shares(factors, corrected.error, own)
-            }
+        // Where each pair was measured, a row's error is known, and what is beyond it is the rays'.
+        let measured = self.refiner.as_ref().is_some_and(Refiner::measures_each);
+        let own = if measured {
+            crate::store::ERRORS * f64::from(corrected.error)
+        } else {
+            f64::INFINITY
         };
+        let shares = balance.refined_shares(factors, corrected.error, own);
         self.ray_shares = balance.found;
         self.met = balance.met;
         Converted {
@@ -461,75 +404,9 @@ impl<'c> Converter<'c> {
             error: corrected.error,
             rays: corrected.rays,
             partial: corrected.partial as u64,
-            is_odd,
+            is_odd: weights.is_inconsistent_with(factors),
             lost: weights.lost,
             cut_short: corrected.cut_short,
-        }
-    }
-
-    /// The level *area*, from the row's patches and visible fractions.
-    fn area(
-        &mut self,
-        weights: &Weights,
-        attempt: Attempt,
-        balance: &mut SumBalance<'_, impl Fn(u32) -> bool>,
-        part: &mut Part,
-    ) -> Corrected {
-        let emitter = &Emitter::new(balance.model, balance.emitter);
-        self.evaluate_exchange_areas(emitter);
-        let Self {
-            patches,
-            fractions,
-            exchange_areas,
-            refiner: Some(refiner),
-            ..
-        } = self
-        else {
-            return Corrected::default();
-        };
-        let mut row = RowLists {
-            patches,
-            fractions,
-            exchange_areas,
-            per_area: 1.0 / emitter.area,
-            samples: weights.samples,
-            is_large: attempt.is_large,
-        };
-        let factors = row.sum();
-        // Where backs are seen, the points may lie in a solid and agree with each other: rays from all over the patch
-        // know the shares better. So they do where the points do not agree with the form factors.
-        let asks = weights.backs > BACKS || weights.is_inconsistent_with(factors) || balance.has_ray_shares();
-        let bound = if attempt.is_first {
-            INCONSISTENT_IN_THE_CLOSED
-        } else {
-            2.0 * INCONSISTENT_IN_THE_CLOSED
-        };
-        let mut is_inconsistent = asks && balance.is_off_by_rays(emitter, factors, bound);
-        let (mut rays, mut cut_short) = (0, false);
-        if (!is_inconsistent || attempt.is_last) && weights.sees_anything {
-            let refined = refiner.refine_selected(emitter, &mut row, &balance.receives);
-            rays = refined.rays + refined.points;
-            cut_short = refined.cut_short;
-            // A row that refining some pairs changed much needs more than that.
-            let factors = row.sum();
-            if !asks && (factors + weights.lost - 1.0).abs() > bound {
-                is_inconsistent = balance.is_off_by_rays(emitter, factors, bound);
-            }
-        }
-        if (!is_inconsistent || attempt.is_last) && !attempt.is_large && weights.sees_anything {
-            let added = balance.add_up(emitter, &mut row, refiner, MOVES);
-            rays += added.rays + added.points;
-        }
-        for entry in row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas) {
-            let ((&patch, &visible), &exchange_area) = entry;
-            push(part, patch, visible * exchange_area * row.per_area);
-        }
-        Corrected {
-            is_inconsistent: Some(is_inconsistent),
-            rays,
-            partial: row.fractions.iter().filter(|&&fraction| fraction < 1.0).count(),
-            cut_short,
-            ..Corrected::default()
         }
     }
 
@@ -563,9 +440,8 @@ impl<'c> Converter<'c> {
             refiner.set(usual);
             let mut row = std::mem::take(&mut refiner.pairs);
             if adds_up {
-                let may_move = attempt.is_last || !weights.is_inconsistent_with(row.sum());
-                let moves = if may_move { MOVES } else { 0 };
-                let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, moves);
+                let closes = attempt.is_last || !weights.is_inconsistent_with(sum_of(&row));
+                let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, closes);
                 refined.rays += added.rays;
                 refined.points += added.points;
             }
@@ -573,7 +449,7 @@ impl<'c> Converter<'c> {
         };
         let (mut row, mut refined) = finish(refiner, balance, is_strict);
         // Entries that did not move far enough are surer of themselves than they are right.
-        if adds_up && !is_strict && balance.is_surely_off(row.sum()) {
+        if adds_up && !is_strict && balance.is_surely_off(sum_of(&row)) {
             let again;
             (row, again) = finish(refiner, balance, true);
             refined = Refined {
@@ -591,7 +467,6 @@ impl<'c> Converter<'c> {
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
         let error = refined.squared_error.sqrt() as f32;
         Corrected {
-            is_inconsistent: None,
             error,
             rays: refined.rays + refined.points,
             partial,
@@ -714,99 +589,11 @@ impl<'c> Converter<'c> {
     }
 
     /// The level *pixel*.
-    fn pixel(&self, samples: usize, part: &mut Part) -> Corrected {
+    fn pixel(&self, samples: usize, part: &mut Part) {
         let scale = 1.0 / (f64::from(WHOLE) * samples.max(1) as f64);
         for group in self.seen.chunk_by(|a, b| a.patch == b.patch) {
             let weight: u64 = group.iter().map(|seen| u64::from(seen.visible)).sum();
             push(part, group[0].patch, weight as f64 * scale);
-        }
-        Corrected::default()
-    }
-
-    /// The level *point*.
-    fn point(&mut self, model: &Model, hemicubes: &[Hemicube], part: &mut Part) -> Corrected {
-        let scale = 1.0 / hemicubes.len().max(1) as f64;
-        let pairs = self.seen.iter().map(|seen| {
-            let hemicube = &hemicubes[seen.sample as usize];
-            (hemicube.origin, hemicube.axes[2], model.normalised_corners(seen.patch))
-        });
-        let mut factors = self.points.pairs(pairs);
-        let mut partial = 0;
-        for group in self.seen.chunk_by(|a, b| a.patch == b.patch) {
-            let (of_group, rest) = factors.split_at(group.len());
-            let sum: f64 = group.iter().zip(of_group).map(|(seen, f)| seen.fraction() * f).sum();
-            push(part, group[0].patch, sum * scale);
-            partial += usize::from(group.iter().any(|seen| seen.fraction() < 1.0));
-            factors = rest;
-        }
-        Corrected {
-            partial,
-            ..Corrected::default()
-        }
-    }
-
-    /// Lists the patches of a row of one sample, and their visible fractions; returns the sums of its weights.
-    fn fractions_of_one<'r>(
-        &mut self,
-        view: &View<'_>,
-        rows: impl Iterator<Item = RowView<'r>>,
-        receives: &impl Fn(u32) -> bool,
-    ) -> RowSums {
-        let mut sums = RowSums::default();
-        self.patches.clear();
-        self.fractions.clear();
-        for row in rows {
-            *view.outside(&mut sums) += u64::from(row.escaped);
-            sums.blocked += u64::from(row.blocked);
-            self.patches.reserve(row.patches.len());
-            self.fractions.reserve(row.patches.len());
-            for ((&patch, &visible), &covered) in row.patches.iter().zip(row.visible).zip(row.covered) {
-                if view.spaces.separate(view.emitter, patch) {
-                    sums.blocked += u64::from(visible);
-                } else if receives(patch) {
-                    sums.visible += u64::from(visible);
-                    if (visible, covered) == (0, 0) && view.lies_in_plane_of(0, patch) {
-                        continue;
-                    }
-                    self.patches.push(patch);
-                    self.fractions.push(fraction(visible, covered));
-                } else {
-                    sums.unselected += u64::from(visible);
-                }
-            }
-        }
-        sums
-    }
-
-    /// Lists the patches of all samples, and their visible fractions.
-    fn fractions(&mut self, model: &Model, hemicubes: &[Hemicube]) {
-        self.patches.clear();
-        self.fractions.clear();
-        for group in self.seen.chunk_by(|a, b| a.patch == b.patch) {
-            let all = group.len() == hemicubes.len() && group.iter().all(|seen| seen.fraction() == 1.0);
-            let visible = if all {
-                1.0
-            } else {
-                let centers = hemicubes.iter().map(|h| (h.origin, h.axes[2]));
-                let corners = model.normalised_corners(group[0].patch);
-                let factors = self.points.evaluate(centers, &corners);
-                let whole: f64 = factors.iter().sum();
-                let parts = group.iter().map(|seen| seen.fraction() * factors[seen.sample as usize]);
-                let visible: f64 = parts.sum();
-                if whole > 0.0 { visible / whole } else { 0.0 }
-            };
-            self.patches.push(group[0].patch);
-            self.fractions.push(visible);
-        }
-    }
-
-    /// Evaluates the unoccluded A_i F_ij of the listed patches.
-    fn evaluate_exchange_areas(&mut self, emitter: &Emitter<'_>) {
-        self.exchange_areas.clear();
-        self.exchange_areas.resize(self.patches.len(), 0.0);
-        if let Some(exchanges) = &mut self.exchanges {
-            exchanges.begin(&emitter.corners);
-            exchanges.row(emitter.model, &self.patches, &mut self.exchange_areas);
         }
     }
 }
@@ -893,12 +680,6 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         Some(found)
     }
 
-    /// Returns whether form factors of this sum and the shares by rays are farther off 1 than `bound`.
-    fn is_off_by_rays(&mut self, emitter: &Emitter<'_>, factors: f64, bound: f64) -> bool {
-        let found = self.ray_shares(emitter);
-        found.is_some_and(|found| (factors + found.shares().lost() - 1.0).abs() > bound)
-    }
-
     /// Returns whether a row whose form factors have this sum needs shares by rays: for their sum, or to divide it.
     fn needs_rays(&mut self, emitter: &Emitter<'_>, factors: f64) -> bool {
         self.is_off(factors) || self.is_split(emitter, self.hemicubes.refined(factors, f64::NAN))
@@ -928,10 +709,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// Returns whether at least two of these shares matter, or rays see others. The form factors tell their sum and not
     /// how it divides, and a hemicube at the centroid of a large patch divides it as the centroid sees it. It may see
     /// no back of a surface that crosses the patch, or that only a part of it sees. Rays are not asked where no share
-    /// matters and no tolerance is asked for.
+    /// matters and the permitted error is [`COARSE_SUM`] or more.
     fn is_split(&mut self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
         match self.matter(shares) {
-            0 if self.permitted >= USUAL_SUM => false,
+            0 if self.permitted >= COARSE_SUM => false,
             0 | 1 => self.differs(emitter, shares) || self.is_crossed(emitter),
             _ => true,
         }
@@ -966,10 +747,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// The share of the view in patches that rays met and the row does not see; 0 up to [`ASKED`] of the permitted error,
     /// or where no rays were asked for. The row's sum tells nothing of this share where other entries are too large: from
     /// its centroid, a wall over fine pipes sees one side of each.
-    fn unseen_share(&mut self, emitter: &Emitter<'_>, row: &impl UnfinishedRow) -> f64 {
+    fn unseen_share(&mut self, emitter: &Emitter<'_>, row: &[Pair]) -> f64 {
         let permitted = ASKED * self.permitted;
         let Some(mut found) = self.cast() else { return 0.0 };
-        let count_of = |met: &[u32]| met.iter().filter(|&&patch| !row.sees(patch)).count() as f64;
+        let count_of = |met: &[u32]| met.iter().filter(|&&patch| !sees(row, patch)).count() as f64;
         let mut count = count_of(&self.met);
         // Takes a standard error of the count off.
         let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
@@ -1008,31 +789,28 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         lacking.is_some_and(|lacking| lacking.sum.abs() > SURE_OF_BOTH * lacking.error)
     }
 
-    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
-    /// uncertain fractions, `moves` times at most.
+    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and, if it `closes`, by
+    /// moving uncertain fractions.
     fn add_up(
         &mut self,
         emitter: &Emitter<'_>,
-        row: &mut impl UnfinishedRow,
+        row: &mut Vec<Pair>,
         refiner: &mut Refiner<'_>,
-        moves: usize,
+        closes: bool,
     ) -> Refined {
-        let lacking = self.lacking(emitter, row.sum());
+        let lacking = self.lacking(emitter, sum_of(row));
         let by_sum = lacking.filter(|lacking| lacking.sum > SURELY * lacking.error);
         let missing = by_sum
             .map_or(0.0, |lacking| lacking.sum)
             .max(self.unseen_share(emitter, row));
         let mut refined = Refined::default();
         if missing > 0.0 {
-            let is_known = |patch| !(self.receives)(patch) || row.sees(patch);
+            let is_known = |patch| !(self.receives)(patch) || sees(row, patch);
             refined = refiner.find_unseen(emitter, missing, is_known);
-            row.insert(&refiner.unseen);
+            insert(row, &refiner.unseen);
         }
-        for _ in 0..moves {
-            let Some(lacking) = self.lacking(emitter, row.sum()) else {
-                break;
-            };
-            refiner.move_fractions(emitter, row, lacking);
+        if closes && let Some(lacking) = self.lacking(emitter, sum_of(row)) {
+            refiner.move_fractions(row, lacking);
         }
         refined
     }

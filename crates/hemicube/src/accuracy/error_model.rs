@@ -44,53 +44,13 @@ impl Default for PriorVariances {
 }
 
 impl PriorVariances {
-    /// For rows without a sample compared with rays: measured on rows of a block city and of a real tile, each uncut
-    /// and cut, weighted by F², and rounded.
-    ///
-    /// On 160 rows of each, `scripts/fit-error-model` finds most cells of partly and hardly visible pairs within a
-    /// factor of 2, nearest unseen pairs at 0.27, and all visible pairs beyond 2 radii at 0.002 to 0.02, far above
-    /// these values. They stay as a choice between time and error. Twenty times as much (0.002, 0.001 …) takes the
-    /// relative error of the Cornell box, cut 5 times, from 1.04 % to 0.61 % for 7 % more processor time, and of the
-    /// interior `aggressor` from 1.35 % to 1.23 % for none; of the closed measured box, cut 8 times, from 0.66 % to
-    /// 0.62 % for 16 % more; and changes three models and two cities by 2 % of their errors at most. A hundred times as
-    /// much takes the closed box half as long again.
-    pub(crate) fn measured() -> Self {
-        Self([
-            [0.01, 0.008, 0.006, 0.005, 0.004, 0.004, 0.004, 0.004],
-            [0.0003, 0.0001, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005, 0.00005],
-            [0.1, 0.0004, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003, 0.0003],
-            [0.003, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002, 0.002],
-            [0.02, 0.005, 0.004, 0.003, 0.003, 0.003, 0.003, 0.003],
-        ])
-    }
-
-    /// The variance 1 in every cell: pairs are told apart by their form factors alone.
-    pub(crate) fn ones() -> Self {
-        Self([[1.0; NEARNESSES]; CLASSES])
-    }
-
     /// The variances by class and nearness.
     pub fn table(&self) -> &[[f32; NEARNESSES]; CLASSES] {
         &self.0
     }
 
-    /// Divides the variances of patches that are seen by the number of hemicubes: points err independently.
-    pub(crate) fn divide_by(&mut self, samples: usize) {
-        let share = (samples as f32).recip();
-        for (class, of) in self.0.iter_mut().enumerate() {
-            if class != UNSEEN {
-                of.iter_mut().for_each(|prior| *prior *= share);
-            }
-        }
-    }
-
     pub(crate) fn of(&self, cell: PriorCell) -> f64 {
         f64::from(self.0[cell.class as usize][cell.nearness as usize])
-    }
-
-    /// The largest standard deviation of each class.
-    pub(crate) fn largest_deviations(&self) -> [f64; CLASSES] {
-        self.0.map(|of| f64::from(of.into_iter().fold(0.0, f32::max)).sqrt())
     }
 }
 
@@ -337,18 +297,6 @@ pub(crate) const REACH: f64 = 0.3;
 pub(crate) const NEAR_RAY: f64 = 2.0;
 /// Cost of a ray down the tree relative to a usual one. A choice below its time: `scripts/fit-error-model` prints that.
 pub(crate) const TREE_RAY: f64 = 10.0;
-
-/// Expected error of a pair worth a shaft without a tolerance, in parts of its row's √Σ F². A choice between time and
-/// error.
-pub(crate) const SELECTED: f64 = 0.0016;
-/// λ there: so many rays are worth the square of that error. A choice.
-pub(crate) const SELECTED_RAYS: f64 = 60.0;
-/// Bound of the hemicubes to lower that part by. A choice.
-pub(crate) const MOST_SELECTED_SAMPLES: usize = 4;
-/// Factor by which the prior variances of a row may prove larger than usual there. A choice.
-pub(crate) const INFLATION: f64 = 4.0;
-/// Form factor that the pairs of a row are taken to have if no hemicube saw any.
-pub(crate) const USUAL_FACTOR: f64 = 0.01;
 
 #[cfg(test)]
 mod tests {

@@ -1,17 +1,12 @@
-//! Measures the tables and constants of [`super::error_model`] anew.
+//! Measures the constants of [`super::error_model`] anew.
 //!
 //! `scripts/fit-error-model` runs it over a block city and a real tile, uncut and cut, and prints each committed value
 //! beside the measured one. Values that are choices are not here: [`super::error_model`] says which.
 
 use crate::Model;
-use crate::accuracy::correct::fraction;
-use crate::accuracy::error_model::{
-    NEAR_RAY, PriorSums, PriorVariances, SHAFT_RAYS, SUM_GAIN, TREE_RAY, variance_of_rays,
-};
-use crate::accuracy::refine::{Refinement, Refiner};
+use crate::accuracy::error_model::{NEAR_RAY, SHAFT_RAYS, SUM_GAIN, TREE_RAY, variance_of_rays};
 use crate::accuracy::row::Emitter;
 use crate::factor::{FactorRule, exchange};
-use crate::row::RowView;
 use crate::sampling::splitmix;
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::segments::Obstacles;
@@ -30,43 +25,6 @@ pub struct Fitted {
     pub measured: f64,
     /// Number of pairs that it was measured on.
     pub pairs: f64,
-}
-
-/// Measures prior variances on rows of one hemicube each, rendered with covered weights, and adds them to `sums`.
-pub fn add_priors<'r>(model: &Model, rows: impl Iterator<Item = (InputPatch, RowView<'r>)>, sums: &mut PriorSums) {
-    let mut refiner = Refiner::new(Refinement::for_tolerance(1e-2), None);
-    for (emitter, row) in rows {
-        let weights = row.patches.iter().zip(row.visible).zip(row.covered);
-        let seen = weights.map(|((&patch, &visible), &covered)| (patch, fraction(visible, covered)));
-        refiner.measure_priors(model, emitter, seen, |_| true, sums);
-    }
-}
-
-/// The prior variances for rows without a tolerance and their measurements, by class and nearness.
-pub fn priors(sums: &PriorSums) -> Vec<Fitted> {
-    let classes = [
-        "partly visible",
-        "all visible",
-        "not visible",
-        "nearly all",
-        "hardly at all",
-    ];
-    let committed = PriorVariances::measured();
-    let cells = committed.table().iter().zip(sums.measured()).zip(classes);
-    cells
-        .flat_map(|((of, found), class)| {
-            let steps = of.iter().zip(found).enumerate();
-            steps.map(move |(step, (&committed, (measured, pairs)))| Fitted {
-                name: format!(
-                    "variance, {class}, from {} radii",
-                    if step == 0 { 0 } else { 1 << step }
-                ),
-                committed: f64::from(committed),
-                measured,
-                pairs,
-            })
-        })
-        .collect()
 }
 
 /// Numbers of rays at which their gain is measured.

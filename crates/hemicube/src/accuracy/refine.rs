@@ -9,9 +9,6 @@
 //! ([`ExactVisibility`]), whichever is cheaper. The multiplier λ between rays and squared error is one for the scene,
 //! from a sample of its rows ([`Refinement::with_multiplier_of`]).
 //!
-//! Without a tolerance, [`Refiner::refine_selected`] does the same for the few pairs with most of a row's error:
-//! touching ones, or nearly so, and large ones partly seen.
-//!
 //! Spread, rays and points are the same in both directions of a pair, and so is the measured fraction, to the bit. Only
 //! fractions left as a row's own centroid has them are not reciprocal.
 //!
@@ -25,17 +22,15 @@ pub(crate) mod sums;
 
 use crate::Model;
 use crate::accuracy::error_model::{
-    CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, INFLATION, LEAST_SPREAD, MEASURED_FROM, MOST_SELECTED_SAMPLES,
-    NEAR_RAY, PAIRS_OF_A_SUM, PriorCell, PriorSums, PriorVariances, REACH, ROW_SUM, RayGain, SELECTED, SELECTED_RAYS,
-    SUM_GAIN, TREE_RAY, UNMEASURED_SHARE, USUAL_FACTOR, class_of, multiplier_for, nearness_of, rays_for,
-    variance_of_rays,
+    CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, LEAST_SPREAD, MEASURED_FROM, NEAR_RAY, PAIRS_OF_A_SUM,
+    PriorCell, PriorSums, PriorVariances, REACH, ROW_SUM, RayGain, SUM_GAIN, TREE_RAY, UNMEASURED_SHARE, class_of,
+    multiplier_for, nearness_of, rays_for, variance_of_rays,
 };
-use crate::accuracy::row::{Emitter, RowLists, UnfinishedRow};
+use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::geometry::{area, centroid, cross};
 use crate::sampling::splitmix;
-use crate::steps;
 use crate::visibility::candidates::{Candidates, Least};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::exact::critical::CriticalCells;
@@ -93,15 +88,6 @@ impl Refinement {
             each: false,
             proves: false,
             is_open: false,
-        }
-    }
-
-    /// For [`Refiner::refine_selected`], without knowledge of the scene.
-    pub(crate) fn without_tolerance(rule: FactorRule) -> Self {
-        Self {
-            rule,
-            priors: PriorVariances::measured(),
-            ..Self::for_tolerance(f64::INFINITY)
         }
     }
 
@@ -181,43 +167,27 @@ impl Pair {
     }
 }
 
-/// The row at the level *tolerance*.
-impl UnfinishedRow for Vec<Pair> {
-    fn sum(&self) -> f64 {
-        self.iter().map(Pair::factor).sum()
-    }
+/// Σ F of a row.
+pub(crate) fn sum_of(row: &[Pair]) -> f64 {
+    row.iter().map(Pair::factor).sum()
+}
 
-    fn sees(&self, patch: u32) -> bool {
-        let place = self.binary_search_by_key(&patch, |pair| pair.patch);
-        place.is_ok_and(|place| self[place].fraction > 0.0)
-    }
+/// Returns whether something of a patch is visible in a row, ascending.
+pub(crate) fn sees(row: &[Pair], patch: u32) -> bool {
+    let place = row.binary_search_by_key(&patch, |pair| pair.patch);
+    place.is_ok_and(|place| row[place].fraction > 0.0)
+}
 
-    fn insert(&mut self, pairs: &[Pair]) {
-        let listed = self.len();
-        for pair in pairs {
-            match self[..listed].binary_search_by_key(&pair.patch, |pair| pair.patch) {
-                Ok(place) => self[place] = *pair,
-                Err(_) => self.push(*pair),
-            }
+/// Inserts pairs into a row, ascending, or replaces the entries of their patches.
+pub(crate) fn insert(row: &mut Vec<Pair>, pairs: &[Pair]) {
+    let listed = row.len();
+    for pair in pairs {
+        match row[..listed].binary_search_by_key(&pair.patch, |pair| pair.patch) {
+            Ok(place) => row[place] = *pair,
+            Err(_) => row.push(*pair),
         }
-        self.sort_unstable_by_key(|pair| pair.patch);
     }
-
-    fn entries(&self) -> impl Iterator<Item = super::row::Entry> {
-        self.iter().map(|pair| super::row::Entry {
-            patch: pair.patch,
-            unoccluded: pair.unoccluded,
-            fraction: pair.fraction,
-        })
-    }
-
-    fn fractions(&mut self) -> impl Iterator<Item = &mut f64> {
-        self.iter_mut().map(|pair| &mut pair.fraction)
-    }
-
-    fn samples(&self) -> usize {
-        1
-    }
+    row.sort_unstable_by_key(|pair| pair.patch);
 }
 
 /// Refines rows one after the other; one a thread.
@@ -234,8 +204,6 @@ pub(crate) struct Refiner<'c> {
     far: Vec<Pair>,
     /// Found by [`Refiner::find_unseen`], ascending.
     pub(crate) unseen: Vec<Pair>,
-    /// Places of pairs in the row whose selected pairs are refined.
-    places: Vec<usize>,
     /// Expected error of each pair.
     contributions: Vec<ErrorContribution>,
     is_measured: Vec<bool>,
@@ -326,14 +294,6 @@ impl Refined {
     }
 }
 
-/// Bound of the steps of refining a row's selected pairs: these, and these for each entry, times
-/// [`RowLists::work_units`]. A choice: one row in a thousand of real scenes meets it. Up to a third of the rows met an
-/// eighth of it, which saved 0 to 5 % of the time and left `many-cubes` 11.9 % off instead of 2.6 %.
-const SELECTED_STEPS: u64 = 3_200_000;
-const SELECTED_STEPS_AN_ENTRY: u64 = 8_000;
-/// Bound of the steps of closed forms that tell which unseen pairs to select, in such bounds. A choice: long pipes in pipes
-/// (`scripts/hard-scenes pipes`) take up to 13, scenes of buildings less than one.
-const LISTING: u64 = 16;
 /// Bound of a row's steps at a tolerance of 1 %; of a finer one, more in proportion, up to a hundred times. A choice.
 const TOLERANCE_STEPS: f64 = 1e9;
 /// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
@@ -366,7 +326,6 @@ impl<'c> Refiner<'c> {
             exchange_areas: Vec::new(),
             far: Vec::new(),
             unseen: Vec::new(),
-            places: Vec::new(),
             contributions: Vec::new(),
             is_measured: Vec::new(),
             is_probe: Vec::new(),
@@ -429,7 +388,7 @@ impl<'c> Refiner<'c> {
         let most_steps = self.refinement.most_steps();
         if is_large {
             let tolerance = self.refinement.tolerance * self.refinement.effort;
-            let mut refined = self.measure_all(emitter, Some(tolerance), most_steps);
+            let mut refined = self.measure_all(emitter, tolerance, most_steps);
             self.pairs.sort_unstable_by_key(|pair| pair.patch);
             refined.squared_norm = self.squared_norm();
             return refined;
@@ -462,167 +421,6 @@ impl<'c> Refiner<'c> {
         self.measured_before = self.measured.len();
         self.unseen.clear();
         self.measured_of = Some(emitter);
-    }
-
-    /// Measures the pairs with a good part of a row's expected error, by measured prior variances, and inserts unseen
-    /// ones.
-    ///
-    /// A pair is selected if its expected error exceeds a share of √Σ F². A row that sees little counts for less in the
-    /// matrix: its √Σ F² is then taken halfway, in the geometric mean, to that of a full view. With n hemicubes, up to
-    /// four, the share falls by √n.
-    pub(crate) fn refine_selected(
-        &mut self,
-        emitter: &Emitter<'_>,
-        row: &mut RowLists<'_>,
-        receives: impl Fn(u32) -> bool,
-    ) -> Refined {
-        self.begin_measuring(emitter.patch);
-        let (least, priors) = self.selection(emitter, row);
-        self.select_seen(emitter, row, least, &priors);
-        let seen_count = self.pairs.len();
-        let entries = row.patches.len() as u64;
-        let most_steps = (SELECTED_STEPS + SELECTED_STEPS_AN_ENTRY * entries) * row.work_units();
-        let is_cut_short = self.select_unseen(emitter, row, (least, LISTING * most_steps), &priors, receives);
-        // The error in the other row is found there: z is F_ij alone, here and where rays are allotted.
-        let contribution = |pair: &Pair| {
-            let own = pair.unoccluded * priors.of(pair.cell).sqrt();
-            ErrorContribution {
-                both: own,
-                own,
-                is_near: pair.cell.nearness == 0,
-            }
-        };
-        self.contributions.clear();
-        self.contributions.extend(self.pairs.iter().map(contribution));
-        self.is_probe.clear();
-        self.is_probe.resize(self.pairs.len(), false);
-        let limits = Limits {
-            multiplier: SELECTED_RAYS / (least * least),
-            least,
-            steps: most_steps,
-        };
-        let mut refined = if row.is_large {
-            self.measure_all(emitter, None, limits.steps)
-        } else {
-            let mut refined = Refined::default();
-            self.measure(emitter, limits, &mut refined);
-            refined
-        };
-        for (pair, &place) in self.pairs.iter().zip(&self.places) {
-            row.fractions[place] = pair.fraction;
-        }
-        row.insert(&self.pairs[seen_count..]);
-        refined.cut_short |= is_cut_short;
-        refined
-    }
-
-    /// The expected error F √d above which a pair of a row is selected, and the prior variances to expect it by.
-    fn selection(&self, emitter: &Emitter<'_>, row: &RowLists<'_>) -> (f64, PriorVariances) {
-        let per_area = 1.0 / emitter.area;
-        let mut priors = self.refinement.priors;
-        if row.is_large {
-            // By form factors alone, whatever the prior variance.
-            let unoccluded = row.exchange_areas.iter().map(|exchange_area| exchange_area * per_area);
-            return (large::least_factor(unoccluded), PriorVariances::ones());
-        }
-        if row.samples > 1 {
-            priors.divide_by(row.samples);
-        }
-        let (mut squares, mut sum) = (0.0, 0.0);
-        for (fraction, exchange_area) in row.fractions.iter().zip(&*row.exchange_areas) {
-            let factor = fraction * exchange_area * per_area;
-            squares += factor * factor;
-            sum += factor;
-        }
-        let usual = if squares > 0.0 {
-            squares / sum.min(1.0)
-        } else {
-            USUAL_FACTOR
-        };
-        let samples = row.samples.min(MOST_SELECTED_SAMPLES) as f64;
-        (SELECTED * (usual / samples).sqrt(), priors)
-    }
-
-    /// Lists the seen pairs of a row whose expected error could exceed `least`, and their places.
-    fn select_seen(&mut self, emitter: &Emitter<'_>, row: &RowLists<'_>, least: f64, priors: &PriorVariances) {
-        let per_area = 1.0 / emitter.area;
-        let most = priors.largest_deviations();
-        let inflation = if row.is_large { 1.0 } else { INFLATION.sqrt() };
-        self.pairs.clear();
-        self.places.clear();
-        let pairs = row.patches.iter().zip(&*row.fractions).zip(&*row.exchange_areas);
-        for (place, ((&patch, &fraction), &exchange_area)) in pairs.enumerate() {
-            let class = class_of(fraction);
-            let unoccluded = exchange_area * per_area;
-            if unoccluded * most[usize::from(class)] * inflation <= least {
-                continue;
-            }
-            let corners = emitter.model.normalised_corners(patch);
-            self.places.push(place);
-            self.pairs.push(Pair {
-                patch,
-                unoccluded,
-                fraction,
-                exchange_area,
-                per_area,
-                cell: PriorCell {
-                    class,
-                    nearness: nearness_of(&emitter.corners, &corners),
-                },
-                is_rough: false,
-            });
-        }
-    }
-
-    /// Lists unseen pairs whose expected error exceeds `least`. Once closed forms have taken `most_steps`, centroids tell
-    /// the other pairs' form factors; returns whether that was so.
-    fn select_unseen(
-        &mut self,
-        emitter: &Emitter<'_>,
-        row: &RowLists<'_>,
-        (least, most_steps): (f64, u64),
-        priors: &PriorVariances,
-        receives: impl Fn(u32) -> bool,
-    ) -> bool {
-        let per_area = 1.0 / emitter.area;
-        let tree = Tree::of(emitter.model.geometry());
-        let from = |nearness| least / priors.of(PriorCell::unseen(nearness)).sqrt();
-        let from = Least {
-            near: from(0),
-            far: from(1),
-        };
-        self.candidates.find(&tree, emitter.patch.0, &emitter.corners, from);
-        let (before, mut is_cut_short) = (steps::taken(), false);
-        for &patch in &self.candidates.patches {
-            if row.patches.binary_search(&patch).is_ok() || !receives(patch) {
-                continue;
-            }
-            let corners = emitter.model.normalised_corners(patch);
-            let cell = PriorCell::unseen(nearness_of(&emitter.corners, &corners));
-            // Between patches that all but touch, centroids tell little.
-            let is_near = cell.nearness == 0;
-            let is_paid = !is_near || steps::taken() - before < most_steps;
-            is_cut_short |= !is_paid;
-            let is_rough = !is_near || !is_paid;
-            let (unoccluded, exchange_area) = if is_rough {
-                (by_centroids(&emitter.corners, &corners), 0.0)
-            } else {
-                let exchange_area = factor::exchange(&emitter.corners, &corners, &self.refinement.rule);
-                (exchange_area * per_area, exchange_area)
-            };
-            if unoccluded * priors.of(cell).sqrt() > least {
-                self.pairs.push(Pair {
-                    patch,
-                    unoccluded,
-                    fraction: 0.0,
-                    exchange_area,
-                    per_area,
-                    cell,
-                    is_rough,
-                });
-            }
-        }
-        is_cut_short
     }
 
     /// Expected errors of a row's pairs, from the hemicube's fractions.

@@ -99,8 +99,7 @@ fn buried(model: &Model, order: &[u32], threads: usize) -> Vec<Finding> {
             FindingKind::CentroidBuried,
             of,
             whole,
-            "cut them (`--subdivide 2`), so that what is inside and what is outside become patches of their own, or \
-             look from more points of each (`--samples 16`)"
+            "cut them (`--subdivide 2`), so that what is inside and what is outside become patches of their own"
                 .to_owned(),
         ),
         all.mostly.finding(
@@ -205,8 +204,7 @@ fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
     all.longest.sort_unstable_by(f64::total_cmp);
     let median = all.longest.get(all.longest.len() / 2).copied().unwrap_or(0.0);
     let next = format!(
-        "{}; `--correction area` averages over a patch what is in view of its centroid, and only `--tolerance` looks \
-         from other points too",
+        "{}; a smaller `--tolerance` looks from more points of each",
         how_to_cut(model, &rounded(0.5 * median / scale_of(model)))
     );
     all.tally.finding(

@@ -775,7 +775,6 @@ impl<'a> Worker<'a> {
         let receives = |patch| plan.selection.receives(patch);
         let attempts = more_per_edge(plan, row.per_edge);
         let mut attempt = Attempt {
-            is_first: true,
             is_large: row.per_edge > plan.samples_per_edge,
             is_last: attempts.is_empty(),
         };
@@ -811,7 +810,6 @@ impl<'a> Worker<'a> {
             *all += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
             part.indices.truncate(start);
             part.data.truncate(data_start);
-            attempt.is_first = false;
             attempt.is_last = place + 1 == attempts.len();
             let rendered = Rendered {
                 model,
@@ -866,14 +864,10 @@ const LOST: f64 = 0.01;
 /// [`MOST_PER_EDGE`], or 4 times the plan's n.
 fn more_per_edge(plan: &Plan, per_edge: u32) -> Vec<u32> {
     let times: &[u32] = match plan.correction {
-        // Rays look at the pairs that matter. More than four hemicubes improve little of the rest, except where rays
-        // find that they still see beyond the patch.
-        Correction::Area(_) => &[2, 4],
         // In the open, the centroid of an inconsistent row is a bad place to see the sky from. In a closed scene its
         // sum is part of the promise.
         Correction::Tolerance(_) if plan.correction.is_in_the_open() => &[2],
-        Correction::Tolerance(_) => &[2, 4],
-        Correction::Pixel | Correction::Point => &[2, 4],
+        Correction::Pixel | Correction::Tolerance(_) => &[2, 4],
     };
     let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
     let more = times.iter().map(|times| times * per_edge);

@@ -10,7 +10,6 @@
 //! Whoever opens a store decides between the steps: how many threads the memory allows, whether the disk has room.
 //! [`Job::rows`] and [`Job::store`] take all steps at once.
 
-use crate::accuracy::correct::Correction;
 use crate::backend::{Culling, HemicubeBackend, RenderSettings};
 use crate::driver::compute::{
     self, Band, ComputeError, Execution, PartSink, Plan, Progress, RowChoice, Selection, Summary, compute_bands,
@@ -31,7 +30,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A request for rows of a scene's matrix. The default asks for all rows by the area correction.
+/// A request for rows of a scene's matrix. The default asks for all rows, to [`DEFAULT_TOLERANCE`].
 ///
 /// ```
 /// use hemicube::driver::input::SceneInput;
@@ -81,11 +80,7 @@ pub struct Job {
 impl Default for Job {
     fn default() -> Self {
         Self {
-            accuracy: Asked::Settings {
-                correction: Correction::area(),
-                resolution: 128,
-                samples_per_edge: 1,
-            },
+            accuracy: Asked::default(),
             rotate: true,
             rows: RowChoice::All,
             emitters: Vec::new(),

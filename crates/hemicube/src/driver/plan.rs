@@ -60,7 +60,7 @@ pub enum RowChoice {
 /// # let model = room::model()?;
 ///
 /// // All rows of the room's 160 patches, four hemicubes each, corrected for area.
-/// let plan = Plan::new(&model, RowChoice::All, Selection::default(), 2, true).with_correction(Correction::area());
+/// let plan = Plan::new(&model, RowChoice::All, Selection::default(), 2, true);
 /// assert_eq!((plan.rows.len(), plan.hemicubes_per_row(), plan.part_count()), (160, 4, 3));
 ///
 /// // Ten rows of them: the same ten whenever the seed is the same.
@@ -167,7 +167,7 @@ impl RowChoice {
 impl Plan {
     /// Returns whether a backend draws the larger passes through mirrors and panes of this plan.
     pub fn draws_passes(&self, backend: &BackendInfo) -> bool {
-        let follows_pixels = matches!(self.correction, Correction::Pixel | Correction::Point);
+        let follows_pixels = self.correction == Correction::Pixel;
         backend.capabilities.passes && follows_pixels && self.portals.specular.is_some()
     }
 

@@ -37,24 +37,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
-/// Rays that a row begins with, without and with a tolerance, of which those that meet a portal are cast. Choices.
-const RAYS: [usize; 2] = [1 << 12, 1 << 12];
-/// Rays of a row with a tolerance at most.
+/// Rays that a row begins with, of which those that meet a portal are cast. A choice.
+const RAYS: usize = 1 << 12;
+/// Rays of a row at most.
 const RAYS_MAX: usize = 1 << 20;
-/// Hits expected of a pair, nothing hidden, from which on it is measured by segments; without and with a tolerance.
+/// Hits expected of a pair, nothing hidden, from which on it is measured by segments.
 /// Expected, not counted: replacing what was hit too often and keeping what was hit too seldom would lose light. For
 /// the same reason pairs are looked at in an order that does not depend on hits, and those that rays found stand for
 /// those that they missed ([`Known::measure`]).
-const HITS: [f64; 2] = [4.0, 8.0];
-/// Legs of a row with a tolerance T after which no further rays are cast, and as many again for segments; times
+const HITS: f64 = 8.0;
+/// Legs of a row after which no further rays are cast, and as many again for segments; times
 /// max(1 %/T, 1), up to 2²⁴. What is then left is in the row's expected error. A choice.
 const EFFORT: f64 = 262_144.0;
-/// Legs of a row, without and with a tolerance, after which paths are cut off.
-const LEGS: [u64; 2] = [1 << 22, 1 << 25];
-/// Pairs of a row measured by segments, without and with a tolerance. Choices.
-const PAIRS: [usize; 2] = [128, 1024];
-/// Segments of a pair at least and at most, without and with a tolerance. Choices.
-const SEGMENTS: [(usize, usize); 2] = [(16, 64), (64, 1 << 18)];
+/// Legs of a hemicube whose pixels are followed, and of a row of rays, after which paths are cut off.
+const LEGS_OF_PIXELS: u64 = 1 << 22;
+const LEGS: u64 = 1 << 25;
+/// Pairs of a row measured by segments. A choice.
+const PAIRS: usize = 1024;
+/// Segments of a pair at least and at most. Choices.
+const SEGMENTS: (usize, usize) = (64, 1 << 18);
 /// Pairs looked at for one that is measured. A choice.
 const LOOKS: usize = 4;
 /// By how much at most what rays know is scaled to the row's sum. A choice.
@@ -86,26 +87,7 @@ struct Brought {
     /// Escaped, blocked, unselected, cut off.
     lost: [f64; 4],
     passed: f64,
-    /// The part of `passed` handed on by what is seen directly.
-    sent: f64,
     squared_error: f64,
-}
-
-impl Brought {
-    /// Scales what pixels brought to what closed forms say that the row hands on.
-    fn scale_to(&mut self, sent: f64) {
-        if self.sent > 0.0 {
-            let scale = sent / self.sent;
-            let factors = self.factors.iter_mut().map(|(_, factor)| factor);
-            let rest = self.lost.iter_mut().chain([&mut self.passed]);
-            factors.chain(rest).for_each(|share| *share *= scale);
-        } else {
-            // No pixel shows a portal that the row sees.
-            self.lost[3] += sent;
-            self.passed += sent;
-        }
-        self.sent = sent;
-    }
 }
 
 /// A pair that rays found.
@@ -139,7 +121,7 @@ impl<'a> Extender<'a> {
         let specular = portals.specular.as_ref();
         let laws = specular.map_or_else(Laws::default, |specular| specular.laws(portals.images.as_ref(), count));
         let tree = Tree::of(model.geometry());
-        let follows_pixels = specular.is_some() && matches!(correction, Correction::Pixel | Correction::Point);
+        let follows_pixels = specular.is_some() && correction == Correction::Pixel;
         Self {
             portals,
             model,
@@ -207,12 +189,7 @@ impl<'a> Extender<'a> {
                     }
                     None => self.follow_pixels(&draft, column, session)?,
                 }
-                let mut brought = self.by_pixels(draft.hemicubes.len());
-                if self.correction == Correction::Point {
-                    // By the angles at which pixels met what depends on them.
-                    brought.scale_to(self.sent());
-                }
-                brought
+                self.by_pixels(draft.hemicubes.len())
             } else {
                 std::mem::swap(&mut self.tracer.known, &mut common.known);
                 let brought = self.by_rays(draft.emitter, column);
@@ -321,7 +298,6 @@ impl<'a> Extender<'a> {
                 .collect(),
             lost: [ledger.escaped, ledger.blocked, ledger.unselected, ledger.cut_off].map(|lost| lost as f64 / whole),
             passed: (ledger.sent + passed) as f64 / whole,
-            sent: ledger.sent as f64 / whole,
             squared_error: 0.0,
         }
     }
@@ -330,23 +306,21 @@ impl<'a> Extender<'a> {
     fn by_rays(&mut self, emitter: InputPatch, column: impl Fn(u32) -> Column) -> Brought {
         let emitter = &Emitter::new(self.model, emitter);
         let (tolerance, rule) = match self.correction {
-            Correction::Tolerance(refinement) => (Some(refinement.tolerance), refinement.rule),
-            Correction::Area(rule) => (None, rule),
-            // Pixels are followed.
-            Correction::Pixel | Correction::Point => (None, FactorRule::for_tolerance(1e-2)),
+            Correction::Tolerance(refinement) => (refinement.tolerance, refinement.rule),
+            // Nothing comes through portals here: pixels are followed.
+            Correction::Pixel => (1.0, FactorRule::for_tolerance(1e-2)),
         };
-        let level = usize::from(tolerance.is_some());
         let bound = self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound);
-        self.tracer.legs_max = LEGS[level];
-        let effort = EFFORT * tolerance.map_or(1.0, |tolerance| (0.01 / tolerance).max(1.0));
+        self.tracer.legs_max = LEGS;
+        let effort = EFFORT * (0.01 / tolerance).max(1.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-        let effort = (effort as u64).min(LEGS[1] / 2);
+        let effort = (effort as u64).min(LEGS / 2);
         let is_portal = |&(patch, _): &(u32, f64)| {
             let optics = self.tracer.optics.get(patch as usize);
             optics.is_some_and(Optics::is_portal)
         };
         let seen = self.row.iter().copied().filter(is_portal);
-        let mut casts = Casts::new(emitter, &self.tracer, seen, RAYS[level]);
+        let mut casts = Casts::new(emitter, &self.tracer, seen, RAYS);
         self.motions.begin();
         self.ledger.clear();
         let mut is_by_rays = false;
@@ -356,18 +330,17 @@ impl<'a> Extender<'a> {
             let factors = self.row.iter().map(|&(_, factor)| factor * factor).sum::<f64>();
             let seen = self.ledger.entries.values();
             let through: f64 = seen.map(|found| casts.share(found.weight).powi(2)).sum();
-            let permitted = tolerance.map(|tolerance| (PART * tolerance).powi(2) * (factors + through));
+            let permitted = (PART * tolerance).powi(2) * (factors + through);
             // The next round takes as many legs as all before it.
             let is_over = 2 * self.tracer.legs >= effort || self.cancel.load(Ordering::Relaxed);
-            let Some(permitted) = permitted else { break None };
             let entries = self.ledger.sorted();
             if casts.rest(&entries, 0, 0.0) <= permitted {
                 is_by_rays = true;
-                break Some(permitted);
+                break permitted;
             }
-            let is_measured = casts.rest(&entries, PAIRS[1], HITS[1]) <= permitted / 2.0;
+            let is_measured = casts.rest(&entries, PAIRS, HITS) <= permitted / 2.0;
             if is_over || casts.count >= RAYS_MAX || is_measured && !is_cheaper(&casts, &entries, permitted) {
-                break Some(permitted);
+                break permitted;
             }
         };
         // What is handed on first is known from closed forms: rays only divide it.
@@ -389,7 +362,7 @@ impl<'a> Extender<'a> {
             // No ray found a portal that the row sees.
             lost[3] += sent;
         }
-        let most = if is_by_rays { 0 } else { PAIRS[level] };
+        let most = if is_by_rays { 0 } else { PAIRS };
         let limits = Limits {
             permitted,
             most,
@@ -397,12 +370,12 @@ impl<'a> Extender<'a> {
         };
         // A segment is followed to its end.
         self.tracer.legs_max = u64::MAX;
-        let known = self.measure(&casts, level, limits, rule, scale);
+        let known = self.measure(&casts, limits, rule, scale);
         balanced(sent, &known, lost)
     }
 
     /// Arrivals at each patch under each motion: by segments and closed forms for the largest, by rays otherwise.
-    fn measure(&mut self, casts: &Casts<'_>, level: usize, limits: Limits, rule: FactorRule, scale: f64) -> Vec<Known> {
+    fn measure(&mut self, casts: &Casts<'_>, limits: Limits, rule: FactorRule, scale: f64) -> Vec<Known> {
         let Limits { permitted, most, until } = limits;
         let entries = self.ledger.sorted();
         let entries = self.by_size(casts.emitter, entries);
@@ -430,15 +403,15 @@ impl<'a> Extender<'a> {
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
                 let own = self.motions.get(motion).inverse().triangle(emitter.corners);
                 let whole = exchange(&own, &self.model.normalised_corners(patch), &rule) / emitter.area;
-                if whole * casts.count as f64 >= HITS[level] {
+                if whole * casts.count as f64 >= HITS {
                     measured += 1;
                     let (wanted, until) = effort.of(part(&found), self.tracer.legs);
                     let through = Through {
                         emitter,
                         motion,
                         patch,
-                        least: SEGMENTS[level].0,
-                        most: SEGMENTS[level].1,
+                        least: SEGMENTS.0,
+                        most: SEGMENTS.1,
                         until,
                         bound: self.portals.specular.as_ref().map_or(0.0, |specular| specular.bound),
                     };
@@ -572,7 +545,7 @@ pub(super) fn follow_row<const N: usize>(
     session: &mut dyn HemicubeBackend,
 ) -> Result<bool, BackendError> {
     passes.begin_row();
-    passes.legs_max = LEGS[0] * row.hemicubes.len().max(1) as u64;
+    passes.legs_max = LEGS_OF_PIXELS * row.hemicubes.len().max(1) as u64;
     for (place, hemicube) in row.hemicubes.iter().enumerate() {
         let drawn;
         let items = match row.items.get(place) {
@@ -605,16 +578,16 @@ fn is_cheaper(casts: &Casts<'_>, entries: &[((MotionId, u32), Found)], permitted
     let wanted = cast as f64 * over.sqrt() * over.sqrt().sqrt();
     let pairs = entries
         .iter()
-        .take(PAIRS[1])
-        .filter(|(_, found)| f64::from(found.hits) >= HITS[1]);
-    wanted <= (pairs.count() * SEGMENTS[1].0) as f64
+        .take(PAIRS)
+        .filter(|(_, found)| f64::from(found.hits) >= HITS);
+    wanted <= (pairs.count() * SEGMENTS.0) as f64
 }
 
 /// The error and the legs that a row's pairs share. Segments err by c n^(−3/4), c as a pair's factor: fewest leave it
 /// c^(4/5) of the squared error, and take as much of the legs. Those that it does not need are its successors', or the
 /// first walls seen in part through a pane would take all.
 struct Effort {
-    permitted: Option<f64>,
+    permitted: f64,
     until: u64,
     /// Σ c^(4/5), and what of it is not begun.
     parts: f64,
@@ -626,12 +599,9 @@ impl Effort {
     fn of(&mut self, part: f64, legs: u64) -> (f64, u64) {
         let share = if self.left > part { part / self.left } else { 1.0 };
         self.left -= part;
-        let Some(permitted) = self.permitted else {
-            return (0.0, self.until);
-        };
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of legs")]
         let own = (self.until.saturating_sub(legs) as f64 * share) as u64;
-        let wanted = (0.5 * permitted * part / self.parts.max(f64::MIN_POSITIVE)).sqrt();
+        let wanted = (0.5 * self.permitted * part / self.parts.max(f64::MIN_POSITIVE)).sqrt();
         (wanted, legs + own)
     }
 }
@@ -639,7 +609,7 @@ impl Effort {
 /// Bounds of what a row's arrivals by segments may cost.
 struct Limits {
     /// Squared error that they may leave.
-    permitted: Option<f64>,
+    permitted: f64,
     /// Number of pairs.
     most: usize,
     /// Legs of the tracer at which they end.
@@ -694,7 +664,6 @@ fn balanced(sent: f64, known: &[Known], mut lost: [f64; 4]) -> Brought {
     let mut brought = Brought {
         lost,
         passed: sent,
-        sent,
         ..Brought::default()
     };
     for entry in known {

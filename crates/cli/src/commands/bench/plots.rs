@@ -120,8 +120,6 @@ pub(super) fn error_against_time(
 ) -> Diagram {
     let families = [
         ("pixel", "sums of pixels", Marker::Disc),
-        ("point", "visible fraction × closed form from a point", Marker::Diamond),
-        ("area", "visible fraction × closed form from the patch", Marker::Square),
         ("tolerance", "to a tolerance", Marker::Triangle),
     ];
     let mut series: Vec<Series> = Vec::new();

@@ -21,7 +21,7 @@ use std::path::PathBuf;
   hemicube compute city.obj -o city.hemicube --shard 3/16    then: hemicube merge city.hemicube
   hemicube compute house.obj -o house.hemicube --patches object     form factors between objects
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
-  hemicube compute room.obj -o fine.hemicube --subdivide 4 --resolution 512 --json=fine.json",
+  hemicube compute room.obj -o fine.hemicube --subdivide 4 --json=fine.json",
     true,
 ))]
 pub(crate) struct Arguments {

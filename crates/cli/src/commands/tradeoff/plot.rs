@@ -2,8 +2,8 @@
 
 use crate::level::percentage;
 use crate::picture::sheet::{
-    Anchor, Area, Axis, BLACK, BLUE, BOTTOM, Format, GREEN, GREY, LEFT, Legend, Letters, Marker, PURPLE, RED, RGBColor,
-    RIGHT, Shape, Sheet, Sign, TOP, VERMILION, WHITE, faded, free_place,
+    Anchor, Area, Axis, BLACK, BOTTOM, Format, GREEN, GREY, LEFT, Legend, Letters, Marker, RED, RGBColor, RIGHT, Shape,
+    Sheet, Sign, TOP, VERMILION, WHITE, faded, free_place,
 };
 use anyhow::Result;
 
@@ -11,19 +11,15 @@ use anyhow::Result;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Family {
     Pixel,
-    Point,
-    Area,
     Tolerance,
 }
 
 impl Family {
-    const ALL: [Self; 4] = [Self::Pixel, Self::Point, Self::Area, Self::Tolerance];
+    const ALL: [Self; 2] = [Self::Pixel, Self::Tolerance];
 
     fn name(self) -> &'static str {
         match self {
             Self::Pixel => "pixel",
-            Self::Point => "point",
-            Self::Area => "area",
             Self::Tolerance => "tolerance",
         }
     }
@@ -31,8 +27,6 @@ impl Family {
     fn color(self) -> RGBColor {
         match self {
             Self::Pixel => VERMILION,
-            Self::Point => PURPLE,
-            Self::Area => BLUE,
             Self::Tolerance => GREEN,
         }
     }
@@ -40,8 +34,6 @@ impl Family {
     fn marker(self) -> Marker {
         match self {
             Self::Pixel => Marker::Disc,
-            Self::Point => Marker::Diamond,
-            Self::Area => Marker::Square,
             Self::Tolerance => Marker::Triangle,
         }
     }
@@ -221,9 +213,8 @@ mod tests {
         let mut marks = vec![
             mark(Family::Pixel, "pixel K=1 N=64", 0.1, 0.2, true),
             mark(Family::Pixel, "pixel K=4 N=64", 0.4, 0.21, false),
-            mark(Family::Area, "area K=1 N=64", 0.12, 0.05, true),
-            mark(Family::Area, "area K=1 N=128", 0.13, 0.04, true),
-            mark(Family::Point, "point K=1 N=128", 0.2, 0.1, false),
+            mark(Family::Tolerance, "tolerance 5%", 0.13, 0.04, true),
+            mark(Family::Pixel, "pixel K=1 N=128", 0.2, 0.1, false),
             mark(Family::Tolerance, "tolerance 1%", 0.9, 0.008, true),
             mark(Family::Tolerance, "tolerance 0.1%", 9.0, 0.0005, true),
         ];

@@ -1,8 +1,8 @@
-//! Settings to try: the rungs of the accuracy ladder with their resolutions, hemicubes and tolerances.
+//! Settings to try: tolerances, and sums of pixels with their resolutions and hemicubes.
 
 use super::plot::Family;
-use crate::args::{Correction as Name, Tolerance};
-use crate::level::{correction, percentage, within};
+use crate::args::Tolerance;
+use crate::level::{percentage, within};
 use anyhow::Result;
 use hemicube::Model;
 use hemicube::accuracy::correct::Correction;
@@ -10,20 +10,16 @@ use hemicube::backend::HemicubeBackend;
 use hemicube::driver::compute::Selection;
 use std::sync::atomic::AtomicBool;
 
-/// Settings tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of the other rungs.
+/// Settings tried: the tolerances, and the resolutions and hemicubes a patch (n of n²) of sums of pixels.
 const TOLERANCES: [f64; 6] = [5e-2, 2e-2, 1e-2, 5e-3, 3e-3, 1e-3];
 const SAMPLES: [u32; 3] = [1, 2, 4];
 const RESOLUTIONS_OF_PIXEL: [u32; 4] = [64, 128, 256, 512];
-const RESOLUTIONS_OF_POINT: [u32; 1] = [128];
-const RESOLUTIONS_OF_AREA: [u32; 3] = [64, 128, 256];
 /// Pixels along an edge with a tolerance, as in `compute`.
 pub(super) const RESOLUTION_OF_TOLERANCE: u32 = 128;
 
-/// Nominal milliseconds, to rule out absurd settings: a triangle, a pixel, a corrected entry, and an entry at a
-/// tolerance of 1 %.
+/// Nominal milliseconds, to rule out absurd settings: a triangle, a pixel, and an entry at a tolerance of 1 %.
 const COST_OF_TRIANGLE: f64 = 1e-4;
 const COST_OF_PIXEL: f64 = 8e-7;
-const COST_OF_FACTOR: f64 = 1e-4;
 const COST_OF_TOLERANCE: f64 = 1e-3;
 
 /// A setting to try.
@@ -36,7 +32,7 @@ pub(super) struct Setting {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Rung {
-    Named(Name),
+    Pixel,
     Tolerance(f64),
 }
 
@@ -50,7 +46,7 @@ impl Setting {
         cancel: &AtomicBool,
     ) -> Result<(Correction, u32)> {
         match self.rung {
-            Rung::Named(name) => Ok((correction(name), self.resolution)),
+            Rung::Pixel => Ok((Correction::Pixel, self.resolution)),
             Rung::Tolerance(tolerance) => {
                 let settled = within(
                     model,
@@ -68,18 +64,15 @@ impl Setting {
 
     pub(super) fn family(self) -> Family {
         match self.rung {
-            Rung::Named(Name::Pixel) => Family::Pixel,
-            Rung::Named(Name::Point) => Family::Point,
-            Rung::Named(Name::Area) => Family::Area,
+            Rung::Pixel => Family::Pixel,
             Rung::Tolerance(_) => Family::Tolerance,
         }
     }
 
     pub(super) fn name(self) -> String {
         match self.rung {
-            Rung::Named(name) => format!(
-                "{} K={} N={}",
-                correction(name).name(),
+            Rung::Pixel => format!(
+                "pixel K={} N={}",
                 self.samples_per_edge * self.samples_per_edge,
                 self.resolution
             ),
@@ -90,9 +83,8 @@ impl Setting {
     /// Options of `compute` for this setting.
     pub(super) fn words(self) -> String {
         match self.rung {
-            Rung::Named(name) => format!(
-                "--correction {} --samples {} --resolution {}",
-                correction(name).name(),
+            Rung::Pixel => format!(
+                "--correction pixel --samples {} --resolution {}",
                 self.samples_per_edge * self.samples_per_edge,
                 self.resolution
             ),
@@ -106,8 +98,7 @@ impl Setting {
         let hemicube = COST_OF_TRIANGLE * triangles + COST_OF_PIXEL * pixels;
         let samples = f64::from(self.samples_per_edge * self.samples_per_edge);
         match self.rung {
-            Rung::Named(Name::Pixel) => samples * hemicube,
-            Rung::Named(Name::Point | Name::Area) => samples * hemicube + COST_OF_FACTOR * seen,
+            Rung::Pixel => samples * hemicube,
             Rung::Tolerance(tolerance) => hemicube + COST_OF_TOLERANCE * seen * (1e-2 / tolerance),
         }
     }
@@ -115,20 +106,13 @@ impl Setting {
 
 /// All settings to try, with the given tolerance.
 pub(super) fn settings(asked: Tolerance) -> Vec<Setting> {
-    let named = [
-        (Name::Pixel, RESOLUTIONS_OF_PIXEL.as_slice()),
-        (Name::Point, RESOLUTIONS_OF_POINT.as_slice()),
-        (Name::Area, RESOLUTIONS_OF_AREA.as_slice()),
-    ];
     let mut settings: Vec<Setting> = Vec::new();
-    for (name, resolutions) in named {
-        for samples_per_edge in SAMPLES {
-            settings.extend(resolutions.iter().map(|&resolution| Setting {
-                rung: Rung::Named(name),
-                resolution,
-                samples_per_edge,
-            }));
-        }
+    for samples_per_edge in SAMPLES {
+        settings.extend(RESOLUTIONS_OF_PIXEL.map(|resolution| Setting {
+            rung: Rung::Pixel,
+            resolution,
+            samples_per_edge,
+        }));
     }
     let mut tolerances = TOLERANCES.to_vec();
     if !tolerances.iter().any(|&tolerance| is_same(tolerance, asked.0)) {

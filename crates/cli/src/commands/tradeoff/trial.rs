@@ -2,7 +2,6 @@
 
 use super::setting::{Rung, Setting};
 use crate::args::{EngineSettings, Talk};
-use crate::level::correction;
 use anyhow::Result;
 use hemicube::Model;
 use hemicube::backend::{Culling, RenderSettings};
@@ -90,7 +89,7 @@ impl Timed {
     pub(super) fn trial(self, exact: &[ReferenceRow], all: ForAllRows) -> Trial {
         let estimated: Vec<EstimatedRow> = self.parts.iter().flat_map(EstimatedRow::of_part).collect();
         let (rung, tolerance) = match self.setting.rung {
-            Rung::Named(name) => (correction(name).name(), None),
+            Rung::Pixel => ("pixel", None),
             Rung::Tolerance(tolerance) => ("tolerance", Some(tolerance)),
         };
         Trial {

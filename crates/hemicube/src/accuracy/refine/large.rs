@@ -31,8 +31,8 @@ pub(super) fn least_factor(unoccluded: impl Iterator<Item = f64>) -> f64 {
 
 impl Refiner<'_> {
     /// Measures the row's pairs within `most_steps`, those with the largest unoccluded form factors first: all with a
-    /// few rays, then, with a tolerance, with as many as leave Σ (F − true F)² ≤ `tolerance`² Σ F².
-    pub(super) fn measure_all(&mut self, emitter: &Emitter<'_>, tolerance: Option<f64>, most_steps: u64) -> Refined {
+    /// few rays, then with as many as leave Σ (F − true F)² ≤ `tolerance`² Σ F².
+    pub(super) fn measure_all(&mut self, emitter: &Emitter<'_>, tolerance: f64, most_steps: u64) -> Refined {
         let mut refined = Refined::default();
         for pair in &mut self.pairs {
             pair.per_area = 1.0 / emitter.area;
@@ -64,7 +64,7 @@ impl Refiner<'_> {
         while done < places.len() && measure(self, places[done], 0.0, &mut refined) {
             done += 1;
         }
-        if let (Some(tolerance), false) = (tolerance, refined.cut_short) {
+        if !refined.cut_short {
             let budget = FRACTIONS_SHARE * tolerance * tolerance * self.squared_norm();
             let (multiplier, fits) = self.multiplier_within(budget, most_steps.saturating_sub(refined.steps));
             refined.cut_short = !fits;

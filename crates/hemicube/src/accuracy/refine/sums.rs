@@ -2,12 +2,11 @@
 //!
 //! Pairs may be missing: each too small to be looked for by itself, as between the far ends of a flat space, and
 //! together a good part of the row. They are looked for by falling bounds, the largest first, until the row has what it
-//! lacks. And fractions of one point may all be off to one side. They are moved together, in proportion to their
-//! standard errors σ: F + λσ for all pairs of the row, with one λ of at most three. Exact measurements stay.
+//! lacks. And fractions may be off, those of one point all to one side. They are moved together, in proportion to their
+//! variances: F + μ · variance for all pairs of the row, with one μ. Exact measurements stay.
 
 use super::{Allowance, Pair, Refined, Refiner};
-use crate::accuracy::error_model::{PriorCell, class_of, nearness_of};
-use crate::accuracy::row::{Emitter, Entry, UnfinishedRow};
+use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::visibility::candidates::Least;
 
@@ -28,8 +27,12 @@ const STEPS_A_CANDIDATE: u64 = 300;
 /// else. Choices.
 const BATCH: usize = 64;
 const LEAST_GAIN: f64 = 0.02;
-/// Number of standard errors that a form factor is moved at most. A choice.
-const ERRORS: f64 = 3.0;
+/// Number of standard errors of a row's sum beyond which its errors are taken to have one cause.
+const SURE: f64 = 1.0;
+/// Standard errors that a form factor moves at most: beyond, it is not its own error that the sum shows. A choice.
+const MOST: f64 = 3.0;
+/// Halvings by which μ is found: to 10⁻¹⁵ of its range.
+const HALVINGS: usize = 50;
 
 /// Difference of a row's sum from what it is known to be.
 #[derive(Clone, Copy, Debug)]
@@ -45,28 +48,39 @@ pub(crate) struct Lacking {
 struct Uncertain {
     factor: f64,
     unoccluded: f64,
-    /// Standard error of `factor`.
-    error: f64,
+    variance: f64,
 }
 
 impl Uncertain {
-    /// The form factor moved by a number of its standard errors, from 0 to the unoccluded one.
-    fn moved(self, errors: f64) -> f64 {
-        (self.factor + errors * self.error).clamp(0.0, self.unoccluded.max(self.factor))
+    /// The form factor moved by so many of its variances, by [`MOST`] standard errors and from 0 to the unoccluded one.
+    fn moved(self, by: f64) -> f64 {
+        let most = MOST * self.variance.sqrt();
+        (self.factor + (by * self.variance).clamp(-most, most)).clamp(0.0, self.unoccluded.max(self.factor))
     }
 }
 
-/// Moves all form factors by the same number of their standard errors, so that their sum changes by its expectation
-/// `lacking.sum` · S² / (S² + e²): S = Σ σ, as if these were one error, and e = `lacking.error`.
-fn move_all(factors: &mut [Uncertain], lacking: Lacking) {
-    let own: f64 = factors.iter().map(|factor| factor.error).sum();
+/// Moves all form factors by the same number μ of their variances, so that their sum changes by its expectation
+/// `lacking.sum` · V / (V + e²), V = Σ variance and e = `lacking.error`: the most probable row of that sum.
+///
+/// Errors of one row may have one cause, a centroid that stands badly for its patch. What the sum lacks beyond
+/// [`SURE`] standard errors says so, and V grows with it.
+fn project(factors: &mut [Uncertain], lacking: Lacking) {
+    let own: f64 = factors.iter().map(|factor| factor.variance).sum();
     if own <= 0.0 {
         return;
     }
-    let wanted = lacking.sum * (own * own) / (own * own + lacking.error * lacking.error);
-    let gained = |errors: f64| -> f64 { factors.iter().map(|factor| factor.moved(errors) - factor.factor).sum() };
-    let (mut low, mut high) = (-ERRORS, ERRORS);
-    for _ in 0..40 {
+    let noise = lacking.error * lacking.error;
+    let own_or_more = own.max((lacking.sum / SURE).powi(2) - noise);
+    let wanted = lacking.sum * own_or_more / (own_or_more + noise);
+    let gained = |by: f64| -> f64 { factors.iter().map(|factor| factor.moved(by) - factor.factor).sum() };
+    // Beyond this, all are at their bounds.
+    let most = factors
+        .iter()
+        .filter(|factor| factor.variance > 0.0)
+        .map(|factor| MOST / factor.variance.sqrt())
+        .fold(0.0, f64::max);
+    let (mut low, mut high) = if wanted < 0.0 { (-most, 0.0) } else { (0.0, most) };
+    for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
         if gained(middle) < wanted {
             low = middle;
@@ -74,9 +88,9 @@ fn move_all(factors: &mut [Uncertain], lacking: Lacking) {
             high = middle;
         }
     }
-    let errors = 0.5 * (low + high);
+    let by = 0.5 * (low + high);
     for factor in factors {
-        factor.factor = factor.moved(errors);
+        factor.factor = factor.moved(by);
     }
 }
 
@@ -166,45 +180,40 @@ impl Refiner<'_> {
         refined
     }
 
-    /// The standard error of an entry's form factor by one hemicube; 0 for an unseen one: nothing tells its error.
-    fn error_of(&self, emitter: &Emitter<'_>, entry: Entry) -> f64 {
-        let Entry {
-            patch,
-            unoccluded,
-            fraction,
-        } = entry;
-        if fraction <= 0.0 {
+    /// The variance of a pair's form factor; 0 for an unseen one: nothing tells its error.
+    fn variance_of(&self, pair: &Pair) -> f64 {
+        if pair.fraction <= 0.0 {
             return 0.0;
         }
-        if let Ok(at) = self.measured.binary_search_by_key(&patch, |measured| measured.patch) {
-            return self.measured[at].cost.squared_error.sqrt();
+        if let Ok(at) = self
+            .measured
+            .binary_search_by_key(&pair.patch, |measured| measured.patch)
+        {
+            return self.measured[at].cost.squared_error;
         }
-        if self.unseen.binary_search_by_key(&patch, |pair| pair.patch).is_ok() {
+        if self
+            .unseen
+            .binary_search_by_key(&pair.patch, |unseen| unseen.patch)
+            .is_ok()
+        {
             return 0.0;
         }
-        let cell = PriorCell {
-            class: class_of(fraction),
-            nearness: nearness_of(&emitter.corners, &emitter.model.normalised_corners(patch)),
-        };
-        unoccluded * self.refinement.priors.of(cell).sqrt()
+        pair.unoccluded * pair.unoccluded * self.refinement.priors.of(pair.cell)
     }
 
-    /// Moves the fractions of a row within their standard errors towards its known sum.
-    pub(crate) fn move_fractions(&mut self, emitter: &Emitter<'_>, row: &mut impl UnfinishedRow, lacking: Lacking) {
+    /// Moves the fractions of a row towards its known sum.
+    pub(crate) fn move_fractions(&mut self, row: &mut [Pair], lacking: Lacking) {
         self.sort_measured();
-        let independent = (row.samples() as f64).sqrt().recip();
-        let mut factors: Vec<Uncertain> = row
-            .entries()
-            .map(|entry| Uncertain {
-                factor: entry.unoccluded * entry.fraction,
-                unoccluded: entry.unoccluded,
-                error: independent * self.error_of(emitter, entry),
-            })
-            .collect();
-        move_all(&mut factors, lacking);
-        for (fraction, factor) in row.fractions().zip(factors) {
+        let uncertain = row.iter().map(|pair| Uncertain {
+            factor: pair.factor(),
+            unoccluded: pair.unoccluded,
+            variance: self.variance_of(pair),
+        });
+        let mut factors: Vec<Uncertain> = uncertain.collect();
+        project(&mut factors, lacking);
+        for (pair, factor) in row.iter_mut().zip(factors) {
             if factor.unoccluded > 0.0 {
-                *fraction = factor.factor / factor.unoccluded;
+                pair.fraction = factor.factor / factor.unoccluded;
             }
         }
     }
@@ -219,7 +228,7 @@ mod tests {
             .map(|&(factor, unoccluded, error)| Uncertain {
                 factor,
                 unoccluded,
-                error,
+                variance: error * error,
             })
             .collect()
     }
@@ -235,27 +244,31 @@ mod tests {
     #[test]
     fn what_is_uncertain_takes_the_difference_and_what_is_exact_stays() {
         let mut row = factors(&[(0.5, 0.5, 0.0), (0.2, 0.3, 0.02), (0.1, 0.3, 0.01)]);
-        move_all(&mut row, lacking(0.03, 0.0));
+        project(&mut row, lacking(0.03, 0.0));
         assert_eq!(row[0].factor, 0.5);
         assert!(
-            (row[1].factor - 0.22).abs() < 1e-9 && (row[2].factor - 0.11).abs() < 1e-9,
+            (row[1].factor - 0.224).abs() < 1e-9 && (row[2].factor - 0.106).abs() < 1e-9,
             "{row:?}"
         );
         // As uncertain as they are together, a known sum is believed half.
-        let mut row = factors(&[(0.2, 0.3, 0.02), (0.1, 0.3, 0.01)]);
-        move_all(&mut row, lacking(-0.03, 0.03));
-        assert!((sum(&row) - 0.285).abs() < 1e-9, "{row:?}");
+        let mut row = factors(&[(0.2, 0.3, 0.03), (0.1, 0.3, 0.04)]);
+        project(&mut row, lacking(-0.04, 0.05));
+        assert!((sum(&row) - 0.28).abs() < 1e-9, "{row:?}");
+        // What lacks far more than all their errors says that these have one cause.
+        let mut row = factors(&[(0.2, 0.3, 1e-3), (0.1, 0.3, 1e-3)]);
+        project(&mut row, lacking(-0.1, 0.01));
+        assert!((sum(&row) - 0.201).abs() < 1e-4, "{row:?}");
     }
 
     #[test]
-    fn none_moves_by_more_than_three_errors_or_beyond_what_it_can_be() {
+    fn none_moves_beyond_what_it_can_be() {
         let mut row = factors(&[(0.2, 0.3, 0.01), (0.299, 0.3, 0.01), (0.001, 0.3, 0.01)]);
-        move_all(&mut row, lacking(0.5, 0.0));
-        assert!((row[0].factor - 0.23).abs() < 1e-9 && row[1].factor == 0.3, "{row:?}");
-        move_all(&mut row, lacking(-5.0, 0.0));
-        assert!(row.iter().all(|factor| factor.factor >= 0.0), "{row:?}");
+        project(&mut row, lacking(0.05, 0.0));
+        assert!(row[1].factor == 0.3 && (sum(&row) - 0.55).abs() < 1e-9, "{row:?}");
+        project(&mut row, lacking(-5.0, 0.0));
+        assert!(row.iter().all(|factor| factor.factor.abs() < 1e-9), "{row:?}");
         let mut exact = factors(&[(0.2, 0.3, 0.0)]);
-        move_all(&mut exact, lacking(0.1, 0.0));
+        project(&mut exact, lacking(0.1, 0.0));
         assert_eq!(exact[0].factor, 0.2);
     }
 }
