@@ -751,7 +751,7 @@ mod tests {
 
     #[test]
     fn a_board_is_read_back_as_it_was_written() {
-        let cells: Vec<Cell> = [cell("point", 1e-2, 1e4), cell("0.3%", 3e-3, f64::NAN)]
+        let cells: Vec<Cell> = [cell("pixel", 1e-2, 1e4), cell("0.3%", 3e-3, f64::NAN)]
             .map(|c| c.rounded())
             .into();
         let text = to_csv(&cells);
@@ -761,7 +761,7 @@ mod tests {
         assert!(again[1].steps.is_nan());
         for wrong in [
             "scene,level\n",
-            &text.replace("point", "dot"),
+            &text.replace("pixel", "dot"),
             &text.replacen(",1.000e-2", "", 1),
             &text.replacen("1.000e-2", "x", 1),
         ] {

@@ -1,8 +1,8 @@
 //! Argument groups shared by several commands, and the values that they take.
 
-use crate::exit::hinted;
 use clap::{Args, ValueEnum};
 use hemicube::backend::RESOLUTIONS;
+use hemicube::driver::level::DEFAULT_TOLERANCE;
 use hemicube::sky::PARTS_MAX;
 use hemicube::store::Shard;
 use hemicube_scene::Axis;
@@ -165,9 +165,9 @@ impl Default for EngineSettings {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct RenderSettings {
-    /// Aim at this relative Frobenius error: 1%, 0.003
-    #[arg(long, value_name = "T", default_value = "2%", value_parser = tolerance)]
-    pub(crate) tolerance: Tolerance,
+    /// Aim at this relative Frobenius error: 1%, 0.003 [default: 2%]
+    #[arg(long, value_name = "T", value_parser = tolerance)]
+    pub(crate) tolerance: Option<Tolerance>,
     /// tolerance: visible fraction × closed form, to the tolerance; pixel: sums of pixels, the method as published
     #[arg(
         long,
@@ -211,31 +211,21 @@ impl RenderSettings {
     const RESOLUTION_OF_PIXEL: u32 = 256;
     const RESOLUTION_OF_TOLERANCE: u32 = 128;
 
-    /// Fills in `resolution`, by the correction if the user leaves it open.
+    /// Fills in `resolution`, by the correction if the user leaves it open. A tolerance has hemicubes of its own, whatever
+    /// a file of settings says of those of pixels.
     pub(crate) fn settle(&mut self) {
-        self.resolution = self.resolution_asked.or(match self.correction {
-            Correction::Pixel => Self::RESOLUTION_OF_PIXEL,
-            Correction::Tolerance => Self::RESOLUTION_OF_TOLERANCE,
-        });
+        match self.correction {
+            Correction::Pixel => self.resolution = self.resolution_asked.or(Self::RESOLUTION_OF_PIXEL),
+            Correction::Tolerance => {
+                (self.resolution, self.samples) = (Self::RESOLUTION_OF_TOLERANCE, Samples { per_edge: 1 });
+            }
+        }
     }
 
     /// The tolerance, unless pixels are summed.
     pub(crate) fn tolerance(&self) -> Option<Tolerance> {
-        (self.correction == Correction::Tolerance).then_some(self.tolerance)
-    }
-
-    /// # Errors
-    /// When hemicubes are set that a tolerance chooses by itself.
-    pub(crate) fn require_effect(&self) -> anyhow::Result<()> {
-        let idle = match (self.correction, self.resolution_asked, self.samples.per_edge) {
-            (Correction::Pixel, ..) | (_, Auto::Auto, 1) => return Ok(()),
-            (_, Auto::Number(_), _) => "--resolution",
-            _ => "--samples",
-        };
-        Err(hinted(
-            anyhow::anyhow!("`{idle}` does nothing: a tolerance chooses its hemicubes"),
-            "leave it out, or sum pixels by `--correction pixel`",
-        ))
+        let asked = self.tolerance.unwrap_or(Tolerance(DEFAULT_TOLERANCE));
+        (self.correction == Correction::Tolerance).then_some(asked)
     }
 }
 

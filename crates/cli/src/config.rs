@@ -69,7 +69,10 @@ pub(crate) const EXCLUSIVE: [&[&str]; 5] = [
 const CHOOSES: [(&str, &str, [&str; 2]); 1] = [("compute", "seed", ["sample-rows", "verify"])];
 
 /// Values compatible with their group: a tolerance chooses the pixels.
-const AGREES: [(&str, &str); 2] = [("correction", "tolerance"), ("resolution", "auto")];
+const AGREES: [(&str, &str); 3] = [("correction", "tolerance"), ("resolution", "auto"), ("samples", "1")];
+
+/// Options of the command line that do nothing unless pixels are summed. In files they stand ready for other runs.
+const OF_PIXELS: [&str; 2] = ["resolution", "samples"];
 
 /// Variables that are no settings of a command, read in other places.
 const OTHER_VARIABLES: [&str; 3] = ["HEMICUBE_BACKEND_PATH", "HEMICUBE_NO_PROGRESS", "HEMICUBE_LOG"];
@@ -203,6 +206,33 @@ impl Layers {
             }
         }
         Ok(layers)
+    }
+
+    /// # Errors
+    /// When the command line sets hemicubes of pixels, and a tolerance chooses its own.
+    pub(crate) fn refuse_idle(&self, command: &Command, matches: &ArgMatches) -> Result<()> {
+        if argument(command, "correction").is_none() || self.sums_pixels(matches) {
+            return Ok(());
+        }
+        let idle = |name: &&&str| is_given(matches, name) && !self.agrees(matches, name);
+        match OF_PIXELS.iter().find(idle) {
+            None => Ok(()),
+            Some(name) => Err(hinted(
+                anyhow!("`--{name}` does nothing: a tolerance chooses its hemicubes"),
+                "leave it out, or sum pixels by `--correction pixel`",
+            )),
+        }
+    }
+
+    /// Returns whether rows are sums of pixels.
+    fn sums_pixels(&self, matches: &ArgMatches) -> bool {
+        if is_given(matches, "correction") {
+            let given = matches.get_raw("correction");
+            return given.is_some_and(|mut words| words.any(|word| word == "pixel"));
+        }
+        self.0
+            .get("correction")
+            .is_some_and(|layered| layered.words.iter().any(|word| word == "pixel"))
     }
 
     /// Lets the strongest of settings that exclude each other win. Refuses two of the same layer.

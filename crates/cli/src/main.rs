@@ -81,6 +81,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
     };
     let known = definition.find_subcommand(subcommand).cloned().unwrap_or_default();
     let layers = Layers::gather(&known, matches)?;
+    layers.refuse_idle(&known, matches)?;
     let unread = config::unread_variables(&known)?;
     let layered = layers.apply(definition, subcommand).get_matches_from(&arguments);
     let cli = Cli::from_arg_matches(&layered)?;

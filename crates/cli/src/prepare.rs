@@ -176,7 +176,7 @@ impl RenderArguments {
     /// The work that memory is asked for.
     pub(crate) fn work(&self) -> Work {
         match self.correction {
-            Correction::Tolerance => Work::Tolerance,
+            Correction::Tolerance => Work::Fractions,
             Correction::Pixel => Work::Pixels,
         }
     }

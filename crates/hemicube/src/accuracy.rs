@@ -25,7 +25,7 @@
 //! is known, once more with 4 × 4 and strict correction.
 //!
 //! A row's work is bounded, in steps of about a nanosecond that are counted, never timed (`shaft`). A row of a
-//! tolerance T has 10⁹ · max(0.01 / T, 1), at most 10¹¹. Pairs are then measured in the order of their expected
+//! tolerance T has 10⁹ · 0.01 / T, at most 10¹¹. Pairs are then measured in the order of their expected
 //! errors. A row that meets its bound is counted (`Summary::cut_short`), and its expected error holds the prior
 //! variances of the rest. The last pair has what is left of the row's bound, so that no pair exceeds it: its rays stop
 //! growing, its points' cells are divided no further, and the error is what they then have. A shaft of more than 256

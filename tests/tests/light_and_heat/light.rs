@@ -198,7 +198,7 @@ fn few_memory_and_many_right_hand_sides_change_nothing() {
 fn what_cannot_be_solved_is_refused_with_the_next_step() {
     let place = Place::new();
     place.write("cube.obj", &cube());
-    place.line("compute cube.obj --subdivide 1 -o F --no-config");
+    place.line("compute cube.obj --subdivide 1 --correction pixel --samples 4 --resolution 64 -o F --no-config");
     place.fails("solve F", &["no reflectance is known of `m0`", "--materials"]);
     place.write("dark.toml", "[default]\nreflectance = 0.5\n");
     place.fails("solve F --materials dark.toml", &["nothing emits"]);
@@ -335,7 +335,7 @@ fn every_row_adds_up() {
     }
 }
 
-/// Thousands of slivers through one point of a room: every row meets the bound on its work with pairs left, whose
+/// A thousand slivers through one point of a room: every row meets the bound on its work with pairs left, whose
 /// standard errors are too small. Sums were up to 1.41.
 #[test]
 fn rows_cut_short_by_their_bound_add_up() {
@@ -346,7 +346,7 @@ fn rows_cut_short_by_their_bound_add_up() {
     let mut unit = || random.unit() - 0.5;
     text.push_str("o slivers\n");
     let middle = [278.0, 274.0, 280.0];
-    for _ in 0..4000 {
+    for _ in 0..1000 {
         let along: [f64; 3] = std::array::from_fn(|_| unit());
         let length = along.iter().map(|a| a * a).sum::<f64>().sqrt();
         let end = |side: f64| -> [f64; 3] { std::array::from_fn(|k| middle[k] + side * along[k] / length) };
@@ -358,7 +358,7 @@ fn rows_cut_short_by_their_bound_add_up() {
         text.push_str("f -3 -2 -1\n");
     }
     std::fs::write(place.path("slivers.obj"), text).expect("written");
-    place.line("compute slivers.obj -o m --sample-rows 8 --two-sided on --quiet");
+    place.line("compute slivers.obj -o m --sample-rows 4 --two-sided on --quiet");
     let store = Store::open(&place.path("m")).expect("a store");
     let [most, ..] = off_one(&store);
     assert!(most <= 0.02, "{most}");
@@ -790,8 +790,9 @@ fn the_cornell_box_bleeds_colour() {
     place.line("view model box cornell-box.obj --up y --size 400x300 --show closure -o closure.svg");
     let svg = std::fs::read_to_string(place.path("closure.svg")).expect("a picture");
     assert!(svg.contains("patches; the tallest bar is") && svg.contains("of each row"));
+    place.line("compute cornell-box.obj --subdivide 3 -o pixels --correction pixel --no-config");
     place.fails(
-        "view model box cornell-box.obj --up y --show error -o error.png",
+        "view model pixels cornell-box.obj --up y --show error -o error.png",
         &["expected errors", "--tolerance"],
     );
     place.line("compute cornell-box.obj --subdivide 2 --tolerance 3% -o refined --no-config");
@@ -886,7 +887,7 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
 fn nothing_escapes_from_a_closed_cube() {
     let place = Place::new();
     place.write("cube.obj", &cube());
-    place.line("compute cube.obj --subdivide 1 -o F --no-config");
+    place.line("compute cube.obj --subdivide 1 --correction pixel --samples 4 --resolution 64 -o F --no-config");
     let beside = place.json("sky cube.obj --store F --up z --json");
     assert_eq!(beside["sky_view_factor"]["max"].as_f64(), Some(0.0));
     assert_eq!(beside["rows_as_in_matrix"], beside["patches"]);

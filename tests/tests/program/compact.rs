@@ -67,11 +67,19 @@ fn rows(place: &TempDir, store: &str) -> BTreeMap<InputPatch, Vec<(u32, u64)>> {
 #[test]
 fn a_compact_matrix_is_the_plain_one_rounded_whatever_the_threads() {
     let place = city();
-    run(&place, "compute city.obj -o plain", 0);
-    let report = json(&place, "compute city.obj -o one --store compact --threads 1 --json", 0);
     run(
         &place,
-        "compute city.obj -o three --store compact --threads 3 --batch 5",
+        "compute city.obj -o plain --correction pixel --resolution 64",
+        0,
+    );
+    let report = json(
+        &place,
+        "compute city.obj -o one --correction pixel --resolution 64 --store compact --threads 1 --json",
+        0,
+    );
+    run(
+        &place,
+        "compute city.obj -o three --correction pixel --resolution 64 --store compact --threads 3 --batch 5",
         0,
     );
     assert_eq!(bytes(&place, "one"), bytes(&place, "three"));

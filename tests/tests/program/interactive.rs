@@ -316,7 +316,7 @@ fn the_dialogue_of_the_thesis() {
     let screen = terminal.screen();
     let (_, rows) = open_question(&screen).expect("a menu");
     assert!(
-        rows[0].starts_with(&format!("> 1 - {stem}.hemicube  area, 128 px")),
+        rows[0].starts_with(&format!("> 1 - {stem}.hemicube  tolerance 2.0 %, 128 px")),
         "{screen}"
     );
     assert!(rows[1].starts_with("  2 - Another…"), "{screen}");
@@ -573,8 +573,7 @@ fn a_wrong_value_is_refused_in_the_words_of_the_command_line() {
     let screen = terminal.screen();
     let (_, rows) = open_question(&screen).expect("a menu");
     assert!(
-        rows.iter()
-            .any(|row| row.contains("samples") && !row.contains("4*")),
+        rows.iter().any(|row| row.contains("samples") && !row.contains("4*")),
         "{screen}"
     );
     terminal.pick(CHANGE, "Back");
@@ -628,7 +627,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     assert_eq!(terminal.number("more/other.ac"), 2);
     terminal.pick(SCENE, "cornell-box.obj");
     terminal.asked(RUN);
-    let line = "compute cornell-box.obj -o cornell-box.hemicube --tolerance 5%\n";
+    let line = "compute cornell-box.obj -o cornell-box.hemicube\n";
     assert!(terminal.screen().contains(line), "{}", terminal.screen());
     terminal.pick(RUN, "Run it");
     terminal.asked("What next with cornell-box.hemicube:");
@@ -651,7 +650,7 @@ fn a_result_is_looked_at() {
     assert!(
         terminal
             .screen()
-            .contains("a.hemicube  area, 64 px, cpu, 40 patches of cornell-box.obj"),
+            .contains("a.hemicube  tolerance 2.0 %, 128 px, cpu, 40 patches of cornell-box.obj"),
         "{}",
         terminal.screen()
     );

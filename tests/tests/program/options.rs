@@ -235,8 +235,8 @@ impl Fixture {
             ("order.txt", "hut\nground\nglass\nblock\n"),
             ("answers.txt", "1\n1\n"),
             ("plugins/libhemicube_backend_broken.so", "no library\n"),
-            ("set.toml", "resolution = 64\nseed = 4\n"),
-            ("hemicube.toml", "samples = 4\nseed = 3\n"),
+            ("set.toml", "tolerance = 0.05\nseed = 4\n"),
+            ("hemicube.toml", "tolerance = 0.03\nseed = 3\n"),
         ] {
             write(name, text.as_bytes());
         }
@@ -251,6 +251,7 @@ impl Fixture {
             "compute yard.obj -o glass.hc --specular glass.toml --no-config",
             "compute yard.obj -o tight.hc --tolerance 1% --no-config",
             "compute yard.obj -o balanced.hc --no-config",
+            "compute yard.obj -o pixels.hc --correction pixel --no-config",
             "compute yard.obj -o part.hc --shard 1/2 --no-config",
             "sky yard.obj --store yard.hc --up z",
             "sky yard.obj -o sky2 --up z --north 90",

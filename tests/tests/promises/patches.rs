@@ -229,7 +229,8 @@ fn quads_are_the_aggregate_of_their_triangles() {
     let place = Place::new();
     place.write("room.obj", quads(4));
     let compute = |name: &str, kind: &str| {
-        let line = format!("compute room.obj -o {name} --patches {kind} --json --no-timings --threads 2");
+        let line =
+            format!("compute room.obj -o {name} --patches {kind} --correction pixel --json --no-timings --threads 2");
         place.line(&line).is(0).json()
     };
     let (triangles, faces) = (compute("triangles", "triangle"), compute("faces", "face"));
@@ -244,7 +245,7 @@ fn quads_are_the_aggregate_of_their_triangles() {
     assert!(worst < ROUNDING, "{worst:e}");
     place.line("check faces -q").is(0);
     // The comparison does find a difference.
-    compute("other", "face --tolerance 5%");
+    compute("other", "face --resolution 64");
     let other = difference(&table(&place, "other", "object"), &table(&place, "triangles", "object"));
     assert!(other > 1e-5, "{other:e}");
 }
@@ -429,7 +430,9 @@ fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
     place.write("room.obj", obj(&open));
     for (name, more) in [("triangles", ""), ("objects", "--patches object")] {
         place
-            .line(&format!("compute room.obj -o {name} --split 2 -q {more}"))
+            .line(&format!(
+                "compute room.obj -o {name} --correction pixel --split 2 -q {more}"
+            ))
             .is(0);
         place
             .line(&format!("sky room.obj --store {name} --up z -q --csv {name}-sky.csv"))

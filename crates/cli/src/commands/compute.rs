@@ -26,6 +26,7 @@ use hemicube::driver::job::{
     StoreRun,
 };
 use hemicube::driver::probe::share_left;
+use hemicube::driver::room::Work;
 use hemicube::driver::settings::RowSettings;
 use hemicube::portal::Portals;
 use hemicube::store::{Error as StoreError, Form, Manifest, Part, Shard, Store, Thinning};
@@ -77,6 +78,9 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     cut_off: Option<[f64; 2]>,
     rows_mostly_blocked: u64,
+    /// True if each surface has a patch on either side: what is blocked, other surfaces lie on.
+    #[serde(skip)]
+    is_two_sided: bool,
     closure: f64,
     /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -290,7 +294,6 @@ impl Tally {
 }
 
 pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
-    arguments.render.require_effect()?;
     let bands = arguments.portals.bands()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     // clap requires a scene; only `--print-config` goes without.
@@ -485,7 +488,11 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     } = opened;
     let watch = Watch::new(status, cancel, talk);
     let stage = status.stage("load");
-    let mut prepared = prepare(scene, &arguments.patches, &arguments.render, arguments.render.work())?;
+    let work = match arguments.render.work() {
+        Work::Fractions if arguments.kind != arguments::Kind::Triangle => Work::Grouped,
+        work => work,
+    };
+    let mut prepared = prepare(scene, &arguments.patches, &arguments.render, work)?;
     // Of the scene alone: the images that portals add are its triangles once more.
     let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
     let tolerance = arguments.render.tolerance().map(|tolerance| tolerance.0);
@@ -1104,6 +1111,12 @@ fn report_of(
         unselected: tally.mean(tally.unselected),
         cut_off: tally.cut_off.map(|[sum, largest]| [tally.mean(sum), largest]),
         rows_mostly_blocked: tally.mostly_blocked,
+        is_two_sided: prepared
+            .model
+            .geometry()
+            .surfaces
+            .iter()
+            .all(|surface| surface.back.is_some()),
         closure: tally.closure,
         expected_error: tally.expected_error(),
         tolerance: finished.plan.correction.tolerance(),
@@ -1160,15 +1173,18 @@ fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
     );
     let mut text = list.text();
     if report.rows_mostly_blocked > 0 {
-        text.push_str(&format!(
-            "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches \
-             inside solids? `--two-sided on` makes every side a patch\n",
-            if report.rows_mostly_blocked == 1 {
-                "1 row sees".to_owned()
-            } else {
-                format!("{} rows see", count(report.rows_mostly_blocked))
+        let (one, rows) = (report.rows_mostly_blocked == 1, count(report.rows_mostly_blocked));
+        text.push_str(&match (report.is_two_sided, one) {
+            (true, true) => "warning: 1 row is blocked in more than half of the view: another surface lies on its patch\n".into(),
+            (true, false) => {
+                format!("warning: {rows} rows are blocked in more than half of the view: other surfaces lie on their patches\n")
             }
-        ));
+            (false, _) => format!(
+                "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches \
+                 inside solids? `--two-sided on` makes every side a patch\n",
+                if one { "1 row sees".to_owned() } else { format!("{rows} rows see") }
+            ),
+        });
     }
     text + &next_step(report, summary, directory)
 }
@@ -1256,7 +1272,15 @@ fn list_shares(report: &Report, list: &mut Listing) {
     );
     list.add(
         "blocked",
-        format!("{} ends on backs of one-sided surfaces", percent(report.blocked)),
+        format!(
+            "{} ends on {}",
+            percent(report.blocked),
+            if report.is_two_sided {
+                "surfaces that lie on each other"
+            } else {
+                "backs of one-sided surfaces"
+            }
+        ),
     );
     if report.unselected > 0.0 {
         list.add(

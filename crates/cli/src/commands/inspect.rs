@@ -68,7 +68,6 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let Some(path) = arguments.scene.as_deref() else {
         bail!("a scene is needed")
     };
-    arguments.render.require_effect()?;
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render, arguments.render.work())?;

@@ -111,7 +111,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::open(&arguments.report)?;
     let mut backend = arguments.engine.open_backend(talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-    let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Tolerance)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Fractions)?;
     prepared.tell(talk);
     // An interrupt ends the current work, and unfinished files are removed.
     let guard = exit::InterruptGuard::new();
@@ -161,7 +161,7 @@ pub(super) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Tal
         bail!("a scene is needed")
     };
     let mut backend = arguments.engine.open_backend(talk)?;
-    let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Tolerance)?;
+    let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Fractions)?;
     measure(arguments, prepared, backend.as_mut(), cancel, talk)
 }
 

@@ -13,7 +13,7 @@ pub use crate::accuracy::error_model::PriorVariances;
 use crate::accuracy::grain::Grain;
 use crate::accuracy::ray_shares::{self, RayShares};
 pub use crate::accuracy::refine::Refinement;
-use crate::accuracy::refine::sums::Lacking;
+use crate::accuracy::refine::sums::{Lacking, MOST, MOST_AT_LAST};
 use crate::accuracy::refine::{Pair, Refined, Refiner, insert, sees, sum_of};
 use crate::accuracy::row::Emitter;
 use crate::backend::{Hemicube, WHOLE};
@@ -441,7 +441,8 @@ impl<'c> Converter<'c> {
             let mut row = std::mem::take(&mut refiner.pairs);
             if adds_up {
                 let closes = attempt.is_last || !weights.is_inconsistent_with(sum_of(&row));
-                let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, closes);
+                let most = closes.then_some(if is_strict { MOST_AT_LAST } else { MOST });
+                let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, most);
                 refined.rays += added.rays;
                 refined.points += added.points;
             }
@@ -789,14 +790,14 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         lacking.is_some_and(|lacking| lacking.sum.abs() > SURE_OF_BOTH * lacking.error)
     }
 
-    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and, if it `closes`, by
-    /// moving uncertain fractions.
+    /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
+    /// uncertain fractions, where they may move, by `most` standard errors.
     fn add_up(
         &mut self,
         emitter: &Emitter<'_>,
         row: &mut Vec<Pair>,
         refiner: &mut Refiner<'_>,
-        closes: bool,
+        most: Option<f64>,
     ) -> Refined {
         let lacking = self.lacking(emitter, sum_of(row));
         let by_sum = lacking.filter(|lacking| lacking.sum > SURELY * lacking.error);
@@ -809,8 +810,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
             refined = refiner.find_unseen(emitter, missing, is_known);
             insert(row, &refiner.unseen);
         }
-        if closes && let Some(lacking) = self.lacking(emitter, sum_of(row)) {
-            refiner.move_fractions(row, lacking);
+        if let Some(most) = most
+            && let Some(lacking) = self.lacking(emitter, sum_of(row))
+        {
+            refiner.move_fractions(row, lacking, most);
         }
         refined
     }

@@ -108,10 +108,10 @@ impl Refinement {
         Self { multiplier, ..self }
     }
 
-    /// Bound of one row's work, in steps ([`crate::visibility::shaft`]): 10⁹ · max(0.01 / T, 1), at most 10¹¹.
+    /// Bound of one row's work, in steps ([`crate::visibility::shaft`]): 10⁹ · 0.01 / T, at most 10¹¹.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
     pub(crate) fn most_steps(&self) -> u64 {
-        (TOLERANCE_STEPS * (0.01 / self.tolerance).clamp(1.0, 100.0)) as u64
+        (TOLERANCE_STEPS * (0.01 / self.tolerance).min(100.0)) as u64
     }
 
     /// z √d √λ from which a pair is measured.
@@ -294,7 +294,8 @@ impl Refined {
     }
 }
 
-/// Bound of a row's steps at a tolerance of 1 %; of a finer one, more in proportion, up to a hundred times. A choice.
+/// Bound of a row's steps at a tolerance of 1 %; of a finer one more in proportion, up to a hundred times, of a coarser
+/// one less. A choice.
 const TOLERANCE_STEPS: f64 = 1e9;
 /// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
 const STEPS_A_PAIR: u64 = 30_000;

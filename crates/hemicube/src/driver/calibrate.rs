@@ -72,7 +72,7 @@ impl Calibration {
     }
 }
 
-/// Rows that the norm is estimated from.
+/// Rows that the norm is estimated from, at most.
 const NORM_ROWS: usize = 256;
 /// Rows of them that are compared with rays and done.
 const TRIED_ROWS: usize = 64;
@@ -95,9 +95,9 @@ const BOUND_IN_ROWS: u64 = 2;
 /// Number of rows that are done at once, and the least number done.
 const CHUNK: usize = 4;
 const TRIED_AT_LEAST: usize = 8;
-/// Entries after which no further row counts for the norm, and the rows that count in any case. Choices.
+/// Patches seen after which no further row is drawn for the norm alone. A choice: with more, settling takes more memory
+/// and time where each patch sees much of the scene; with fewer, the norm is of fewer rows.
 const NORM_ENTRIES: usize = 1_000_000;
-const NORM_ROWS_AT_LEAST: usize = 64;
 /// Seed of the sample.
 const SEED: u64 = 0x7E57_0F70;
 /// Pixels along an edge, at every tolerance: a choice. With fewer, more pairs are seen in part; with more, rendering takes
@@ -170,9 +170,16 @@ pub fn calibrate<'a>(
     // Twins follow the rows that they are of.
     let own = if grouping.is_some() { weights.len() } else { rows.len() };
     let stride = own.div_ceil(TRIED_ROWS).max(1);
+    let tried: Vec<usize> = (0..own).step_by(stride).collect();
+    // Of grouped patches all rows: they are added up by their places.
+    let first = if grouping.is_some() {
+        (0..rows.len()).collect()
+    } else {
+        tried.clone()
+    };
     let sample = Sample {
-        tried: (0..own).step_by(stride).collect(),
-        drawn: hemicubes(model, &rows, rotate, backend)?,
+        drawn: draw(model, &rows, first, rotate, backend)?,
+        tried,
         rows,
         weights,
         grouping,
@@ -215,7 +222,7 @@ struct Sample<'a> {
     rows: Vec<InputPatch>,
     /// Places in `rows` of the rows that are done.
     tried: Vec<usize>,
-    drawn: RowBlock,
+    drawn: Drawn,
     /// The patches of elements. The second half of `rows` then are other elements of the patches of the first half,
     /// whose weights in their patches are here.
     grouping: Option<&'a Grouping>,
@@ -241,6 +248,11 @@ impl Sample<'_> {
         seen(self.drawn.row(k)).filter(move |&(patch, _)| !self.spaces.separate(of, patch))
     }
 
+    /// Places in `rows` of the rows that are drawn.
+    fn places(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.rows.len()).filter(|&k| self.drawn.place[k].is_some())
+    }
+
     /// Tells the patches that the k-th row may have an entry for.
     fn receivers(&self, k: usize) -> impl Fn(u32) -> bool + '_ {
         let of = self.rows[k].0;
@@ -259,36 +271,26 @@ impl Sample<'_> {
     /// the rows of the matrix.
     fn learn(&self) -> Result<(Refinement, f64), ComputeError> {
         let model = self.model;
-        let (count, patch_count) = (self.rows.len(), model.patches().len());
+        let patch_count = model.patches().len();
         let plain = Refinement {
             effort: f64::INFINITY,
             ..Refinement::for_tolerance(self.tolerance)
         };
         let mut refiner = self.refiner(plain);
         let (mut norm, mut rows) = (0.0, Vec::new());
-        // All rows of grouped patches: they are added up by their places.
-        let places = match self.grouping {
-            Some(_) => (0..count).collect(),
-            None => spread(count),
-        };
-        let (mut counted, mut entries) = (0usize, 0);
-        for k in places {
-            if self.grouping.is_none() && entries >= NORM_ENTRIES && counted >= NORM_ROWS_AT_LEAST {
-                break;
-            }
+        let count = self.places().count();
+        for k in self.places() {
             self.go_on()?;
             norm += refiner
                 .row(model, self.rows[k], self.seen(k), false, self.receivers(k))
                 .squared_norm;
-            entries += refiner.pairs.len();
-            counted += 1;
             if self.grouping.is_some() {
                 rows.push(self.of_patches(values(&refiner.pairs)));
             }
         }
-        let escaped: u64 = (0..count).map(|k| u64::from(self.drawn.row(k).escaped)).sum();
+        let escaped: u64 = self.places().map(|k| u64::from(self.drawn.row(k).escaped)).sum();
         let known = Refinement {
-            mean_squared_norm: norm / counted.max(1) as f64,
+            mean_squared_norm: norm / count.max(1) as f64,
             is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
             all: patch_count <= SMALL,
             ..Refinement::for_tolerance(self.tolerance)
@@ -316,7 +318,7 @@ impl Sample<'_> {
         let refinement = Refinement { effort, ..known };
         let mut refiner = self.refiner(refinement);
         let asked = if refinement.all {
-            (0..self.rows.len()).collect()
+            self.places().collect()
         } else {
             self.tried.clone()
         };
@@ -469,13 +471,30 @@ fn seen(row: RowView<'_>) -> impl Iterator<Item = (u32, f64)> + '_ {
         .map(|((&patch, &visible), &covered)| (patch, fraction(visible, covered)))
 }
 
-/// One hemicube for each row.
-fn hemicubes(
+/// Rows of one hemicube each, rendered a chunk at a time.
+struct Drawn {
+    chunks: Vec<RowBlock>,
+    /// The chunk of each row of the sample, and its place there; `None`: not drawn.
+    place: Vec<Option<(usize, usize)>>,
+}
+
+impl Drawn {
+    /// The k-th row of the sample, which is drawn.
+    fn row(&self, k: usize) -> RowView<'_> {
+        let (chunk, place) = self.place[k].unwrap_or_default();
+        self.chunks[chunk].row(place)
+    }
+}
+
+/// Draws one hemicube for each of the rows: those at the places `first`, ascending, and others, evenly spread, while all
+/// together see fewer than [`NORM_ENTRIES`] patches.
+fn draw(
     model: &Model,
     rows: &[InputPatch],
+    first: Vec<usize>,
     rotate: bool,
     backend: &mut dyn HemicubeBackend,
-) -> Result<RowBlock, ComputeError> {
+) -> Result<Drawn, ComputeError> {
     let settings = RenderSettings {
         resolution: RESOLUTION,
         culling: Culling::On,
@@ -487,11 +506,34 @@ fn hemicubes(
             backend: backend.info().name.clone(),
             source,
         })?;
-    let mut block = RowBlock::default();
-    let asked: Vec<_> = rows.iter().flat_map(|&row| model.hemicubes(row, 1, rotate)).collect();
-    let first = rows.first().copied().unwrap_or(InputPatch(0));
-    render(model, settings, backend, first, &asked, &mut block)?;
-    Ok(block)
+    let mut drawn = Drawn {
+        chunks: Vec::new(),
+        place: vec![None; rows.len()],
+    };
+    let others: Vec<usize> = spread(rows.len())
+        .into_iter()
+        .filter(|k| first.binary_search(k).is_err())
+        .collect();
+    let mut entries = 0;
+    for chunk in std::iter::once(&*first).chain(others.chunks(first.len().max(1))) {
+        if chunk.is_empty() || entries >= NORM_ENTRIES {
+            break;
+        }
+        let asked: Vec<_> = chunk
+            .iter()
+            .flat_map(|&k| model.hemicubes(rows[k], 1, rotate))
+            .collect();
+        let mut block = RowBlock::default();
+        render(model, settings, backend, rows[chunk[0]], &asked, &mut block)?;
+        entries += (0..chunk.len())
+            .map(|place| block.row(place).patches.len())
+            .sum::<usize>();
+        for (place, &k) in chunk.iter().enumerate() {
+            drawn.place[k] = Some((drawn.chunks.len(), place));
+        }
+        drawn.chunks.push(block);
+    }
+    Ok(drawn)
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::shaft::STEPS_A_SEGMENT;
 use crate::visibility::wide::{Pending, WideTree};
 use glam::DVec3;
 
@@ -47,9 +48,9 @@ pub(crate) struct Segments<'a> {
     pub(crate) more_steps: u64,
 }
 
-/// Blocks on a segment's way that [`super::shaft::STEPS_A_SEGMENT`] pays for, and steps of each further one: where
-/// thousands of triangles lie in one place, every segment to it meets all their blocks. A choice; measured.
-const USUAL_BLOCKS: u64 = 64;
+/// Blocks on a segment's way that [`STEPS_A_SEGMENT`] pays for, and steps of each further one: where
+/// thousands of triangles lie in one place, every segment to it meets all their blocks. The steps are measured.
+const USUAL_BLOCKS: u64 = STEPS_A_SEGMENT / STEPS_A_FURTHER_BLOCK;
 const STEPS_A_FURTHER_BLOCK: u64 = 100;
 
 impl<'a> Segments<'a> {

@@ -365,7 +365,7 @@ mod tests {
     fn only_what_differs_becomes_an_option() {
         let mut settings = settings();
         assert_eq!(settings.value("correction"), Some("tolerance"));
-        assert_eq!(settings.value("tolerance"), Some("2%"));
+        assert_eq!(settings.value("tolerance"), None);
         settings.choose("correction", "tolerance").expect("it is a value");
         assert_eq!(line(&settings, "compute"), "");
         settings.choose("correction", "pixel").expect("it is a value");

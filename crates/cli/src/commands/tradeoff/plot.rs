@@ -218,9 +218,9 @@ mod tests {
             mark(Family::Tolerance, "tolerance 1%", 0.9, 0.008, true),
             mark(Family::Tolerance, "tolerance 0.1%", 9.0, 0.0005, true),
         ];
-        marks[5].recommended = true;
-        marks[6].low = 0.0;
-        marks[6].error = 0.0;
+        marks[4].recommended = true;
+        marks[5].low = 0.0;
+        marks[5].error = 0.0;
         Picture {
             title: "a <scene> & \"more\"\u{7}".to_owned(),
             subtitle: "10 patches".to_owned(),
