@@ -12,7 +12,6 @@ use hemicube::Model;
 use hemicube::accuracy::correct::{Correction, Refinement};
 use hemicube::driver::calibrate::calibrate;
 use hemicube::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
-use hemicube::driver::level::DEFAULT_TOLERANCE;
 use hemicube::store::{Part, RowShares};
 use hemicube_scene::generate::{Generate, Kind, generate, room};
 use hemicube_scene::{InputPatch, Scene, Subdivision};
@@ -547,7 +546,7 @@ fn closed_rooms() {
 fn sums_of_groups(triangles: &[(usize, Triangle)], tolerance: Option<f64>) -> Vec<f64> {
     let scene = moved(scene_of(triangles.iter().map(|t| t.1)), ROTATED.1);
     let model = model_as_it_is(&scene, WHOLE);
-    let rung = Rung::settled(&model, tolerance.unwrap_or(DEFAULT_TOLERANCE));
+    let rung = tolerance.map_or(Rung::PIXEL, |tolerance| Rung::settled(&model, tolerance));
     let groups: Vec<usize> = triangles.iter().map(|t| t.0).collect();
     let found = between_groups(&model, &matrix(&model, rung), &groups);
     found.iter().map(|row| row.iter().sum()).collect()

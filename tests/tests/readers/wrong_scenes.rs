@@ -167,7 +167,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
     assert!(said[0].contains("`--flip all`"), "{said:?}");
     assert!(sentences(&inspected(&place, "out.obj --flip all")).is_empty());
     // The closed table sees its own inside: the matrix has entries, and fails all the same.
-    let of = "--split 4 --no-config --resolution 64 --overwrite -o G";
+    let of = "--split 4 --no-config --overwrite -o G";
     place.line(&format!("compute out.obj {of}")).is(0);
     let checked = place.line("check G").is(1).out;
     assert!(
