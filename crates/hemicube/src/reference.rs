@@ -229,7 +229,7 @@ impl Scratch {
 ///
 /// ```
 /// use hemicube::InputPatch;
-/// use hemicube::accuracy::correct::Correction;
+/// use hemicube::accuracy::correct::{Correction, Refinement};
 /// use hemicube::reference::{EstimatedRow, Reference, ReferenceSettings, errors_against};
 /// # mod room { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/room.rs")); }
 /// # let model = room::model()?;
@@ -245,7 +245,8 @@ impl Scratch {
 ///     let estimated: Vec<EstimatedRow> = parts.iter().flat_map(EstimatedRow::of_part).collect();
 ///     Ok(errors_against(&reference, &estimated).relative_frobenius)
 /// };
-/// assert!(error(Correction::area())? < error(Correction::Pixel)?);
+/// let within = Correction::Tolerance(Refinement::for_tolerance(0.02));
+/// assert!(error(within)? < error(Correction::Pixel)?);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]

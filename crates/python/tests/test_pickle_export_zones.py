@@ -58,7 +58,7 @@ def test_a_stored_matrix_comes_back_by_its_path(tmp_path: pathlib.Path, monkeypa
     assert again.path == tmp_path / "plates.hemicube"
     monkeypatch.chdir(tmp_path)
     same(matrix, again)
-    hemicube.compute(plates(), output=tmp_path / "plates.hemicube", resolution=64, overwrite=True)
+    hemicube.compute(plates(), output=tmp_path / "plates.hemicube", tolerance=0.05, overwrite=True)
     with pytest.raises(hemicube.StoreError, match="other settings than when it was pickled"):
         pickle.loads(kept)
 

@@ -24,7 +24,7 @@ def test_another_thread_goes_on() -> None:
     other = threading.Thread(target=count)
     other.start()
     started = time.monotonic()
-    hemicube.compute(scene, samples=16, threads=1)
+    hemicube.compute(scene, correction="pixel", samples=16, threads=1)
     ended = time.monotonic()
     stop.set()
     other.join()
