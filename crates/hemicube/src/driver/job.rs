@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A request for rows of a scene's matrix. The default asks for all rows, to [`DEFAULT_TOLERANCE`].
+/// A request for rows of a scene's matrix. The default asks for all rows, to the default tolerance ([`Asked::default`]).
 ///
 /// ```
 /// use hemicube::driver::input::SceneInput;
