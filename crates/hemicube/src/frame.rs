@@ -3,7 +3,7 @@
 //!
 //! No hemicubes turned by any angle, because boxes along the scene's axes then lie across the pixels of the faces, and
 //! culling by boxes leaves a fifth more. No hemicubes without a turn, because an edge may then run along a whole row of
-//! pixel centres, and all of them err the same way. `frame::MOST_TURN` is in between: the level *area* errs by a
+//! pixel centres, and all of them err the same way. `frame::MOST_TURN` is in between: visible fractions err by a
 //! twentieth more at most, pixel sums of an aligned room by a tenth in the median.
 
 use crate::sampling::splitmix;

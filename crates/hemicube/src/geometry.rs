@@ -99,6 +99,20 @@ pub(crate) fn clip(corners: &[DVec3], height: impl Fn(DVec3) -> f64, kept: &mut 
     }
 }
 
+/// The part of a convex polygon within a triangle, in whose plane it lies; in the polygon's order.
+pub(crate) fn within(mut polygon: Vec<DVec3>, triangle: &[DVec3; 3]) -> Vec<DVec3> {
+    let normal = cross(triangle);
+    let mut kept = Vec::with_capacity(6);
+    for k in 0..3 {
+        let (from, to) = (triangle[k], triangle[(k + 1) % 3]);
+        let inwards = normal.cross(to - from);
+        kept.clear();
+        clip(&polygon, |corner| inwards.dot(corner - from), &mut kept);
+        std::mem::swap(&mut polygon, &mut kept);
+    }
+    polygon
+}
+
 /// A convex polygon of at most `MOST` corners, in order.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Polygon<const MOST: usize> {

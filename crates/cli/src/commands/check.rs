@@ -29,9 +29,9 @@ const EXAMPLES: &str = "  \
 /// Check a matrix: integrity, conservation, quality; exit 1 when a law or a bound is broken, or parts are missing
 ///
 /// Integrity: checksums, structure, all parts. Conservation: weights, the sky's sums, reciprocity with a bound.
-/// Quality: doubtful where a row sums to 1 only beyond the run's tolerance (2 % without one), A_i F_ij is A_j F_ji only
-/// beyond twice that, more than 1 % of the view is blocked, or backs take more than half of a row's view. A doubt alone
-/// is exit 0, and 1 with `--strict`.
+/// Quality: doubtful where a row sums to 1 only beyond the run's tolerance (2 % for sums of pixels), A_i F_ij is A_j F_ji
+/// only beyond twice that, more than 1 % of the view is blocked, or backs take more than half of a row's view. A doubt
+/// alone is exit 0, and 1 with `--strict`.
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
@@ -359,7 +359,7 @@ fn limit_text(found: &CheckReport, limit: f64) -> String {
     let whose = if found.tolerance.is_some() {
         "the run's tolerance"
     } else {
-        "for a run without a tolerance"
+        "for sums of pixels"
     };
     format!("limit {}, {whose}", figures(limit))
 }

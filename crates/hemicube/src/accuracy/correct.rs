@@ -13,7 +13,7 @@ pub use crate::accuracy::error_model::PriorVariances;
 use crate::accuracy::grain::Grain;
 use crate::accuracy::ray_shares::{self, RayShares};
 pub use crate::accuracy::refine::Refinement;
-use crate::accuracy::refine::sums::{Lacking, MOST, MOST_AT_LAST};
+use crate::accuracy::refine::sums::{Lacking, MOST};
 use crate::accuracy::refine::{Pair, Refined, Refiner, insert, sees, sum_of};
 use crate::accuracy::row::Emitter;
 use crate::backend::{Hemicube, WHOLE};
@@ -24,6 +24,7 @@ use crate::store::{Part, RowShares, RowSums};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::spaces::Spaces;
 use hemicube_scene::InputPatch;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// An accuracy level: how the weights of hemicubes become form factors.
@@ -183,11 +184,10 @@ const SURE_OF_BOTH: f64 = 3.0;
 /// Number of standard errors by which a first look differs from a hemicube's shares that does not stand for the patch.
 /// A choice: of normal errors one in twenty is as large by chance, and such a row is measured for nothing.
 const DIFFERENT: f64 = 2.0;
-/// Permitted error of a row's sum at most, whatever the tolerance. A choice: with more, rows lose what nobody looks for.
+/// Permitted error of a row's sum at most, whatever the tolerance. From [`ASKED`] of it on, rays do not look for shares
+/// where hemicubes show none that matters. A choice: with less, coarse tolerances cost more; with more, rows lose what
+/// nobody looks for.
 const MOST_OF_A_SUM: f64 = 0.02;
-/// Permitted error of a sum from which on rays do not look for shares where the hemicubes show none that matters. A choice:
-/// with less, the default costs more; with more, finer tolerances lose what nobody looks for.
-const COARSE_SUM: f64 = 0.015;
 
 /// Number of rays to patches unseen by the row that a permitted share of them would meet: so many rays tell whether pairs
 /// are missing. A choice.
@@ -366,12 +366,10 @@ impl<'c> Converter<'c> {
         let weights = Weights::new(&sums, hemicubes.len(), &self.correction);
         let Correction::Tolerance(refinement) = self.correction else {
             self.pixel(hemicubes.len(), part);
-            let factors = part.data.tail(start).sum();
             return Converted {
                 sums,
                 shares: weights.shares,
                 error: f32::NAN,
-                is_odd: weights.is_inconsistent_with(factors),
                 lost: weights.lost,
                 ..Converted::default()
             };
@@ -441,7 +439,7 @@ impl<'c> Converter<'c> {
             let mut row = std::mem::take(&mut refiner.pairs);
             if adds_up {
                 let closes = attempt.is_last || !weights.is_inconsistent_with(sum_of(&row));
-                let most = closes.then_some(if is_strict { MOST_AT_LAST } else { MOST });
+                let most = closes.then_some(if is_strict { f64::INFINITY } else { MOST });
                 let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, most);
                 refined.rays += added.rays;
                 refined.points += added.points;
@@ -530,15 +528,48 @@ impl<'c> Converter<'c> {
         let Some(hemicube) = view.hemicubes.get(sample as usize) else {
             return;
         };
-        let count = self.seen.len();
         let center = || std::iter::once((hemicube.origin, hemicube.axes[2]));
-        let mut own: Vec<(usize, f64)> = Vec::new();
+        let mut gained: BTreeMap<u32, u32> = BTreeMap::new();
+        let mut own: Vec<(u32, f64)> = Vec::new();
         for &(apart, weight) in &self.apart {
             own.clear();
             for (patch, common) in view.spaces.own_at(view.emitter, apart) {
-                let of_row = self.seen[first..].iter().position(|seen| seen.patch == patch);
-                let at = first + of_row.unwrap_or(self.seen.len() - first);
-                if of_row.is_none() {
+                let fan = (2..common.len()).map(|k| [common[0], common[k - 1], common[k]]);
+                let factor: f64 = fan.map(|part| self.points.evaluate(center(), &part)[0]).sum();
+                if factor > 0.0 {
+                    own.push((patch, factor));
+                }
+            }
+            let mut left: f64 = own.iter().map(|&(_, factor)| factor).sum();
+            let mut weight = weight;
+            for (k, &(patch, factor)) in own.iter().enumerate() {
+                let share = if k + 1 == own.len() {
+                    1.0
+                } else {
+                    (factor / left).min(1.0)
+                };
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "part of a weight"
+                )]
+                let given = (f64::from(weight) * share).round() as u32;
+                left -= factor;
+                weight -= given;
+                *gained.entry(patch).or_default() += given;
+            }
+        }
+        let listed = self.seen.len();
+        for (patch, given) in gained {
+            sums.blocked -= u64::from(given);
+            if !receives(patch) {
+                sums.unselected += u64::from(given);
+                continue;
+            }
+            sums.visible += u64::from(given);
+            match self.seen[first..listed].binary_search_by_key(&patch, |seen| seen.patch) {
+                Ok(at) => self.seen[first + at].visible += given,
+                Err(_) => {
                     // No pixel shows it: what it covers is its closed form.
                     let factor = self.points.evaluate(center(), &view.model.normalised_corners(patch))[0];
                     #[allow(
@@ -550,43 +581,13 @@ impl<'c> Converter<'c> {
                     self.seen.push(Seen {
                         patch,
                         sample,
-                        visible: 0,
+                        visible: given,
                         covered,
                     });
                 }
-                let fan = (2..common.len()).map(|k| [common[0], common[k - 1], common[k]]);
-                own.push((at, fan.map(|part| self.points.evaluate(center(), &part)[0]).sum()));
-            }
-            let mut left = own.iter().map(|&(_, factor)| factor).sum::<f64>();
-            let mut weight = weight;
-            for &(at, factor) in own.iter().filter(|&&(_, factor)| factor > 0.0) {
-                #[allow(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "part of a weight"
-                )]
-                let given = (f64::from(weight) * (factor / left).min(1.0)).round() as u32;
-                left -= factor;
-                weight -= given;
-                let seen = &mut self.seen[at];
-                seen.visible += given;
-                sums.blocked -= u64::from(given);
-                if receives(seen.patch) {
-                    sums.visible += u64::from(given);
-                } else {
-                    sums.unselected += u64::from(given);
-                }
             }
         }
-        // In ascending order, without what has no column or no pixel after all.
-        if self.seen.len() > count {
-            let mut at = 0;
-            self.seen.retain(|seen| {
-                at += 1;
-                at <= count || (seen.visible > 0 && receives(seen.patch))
-            });
-            self.seen[first..].sort_unstable();
-        }
+        self.seen[first..].sort_unstable();
     }
 
     /// The level *pixel*.
@@ -710,10 +711,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// Returns whether at least two of these shares matter, or rays see others. The form factors tell their sum and not
     /// how it divides, and a hemicube at the centroid of a large patch divides it as the centroid sees it. It may see
     /// no back of a surface that crosses the patch, or that only a part of it sees. Rays are not asked where no share
-    /// matters and the permitted error is [`COARSE_SUM`] or more.
+    /// matters and the permitted error is [`ASKED`] of [`MOST_OF_A_SUM`] or more.
     fn is_split(&mut self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
         match self.matter(shares) {
-            0 if self.permitted >= COARSE_SUM => false,
+            0 if self.permitted >= ASKED * MOST_OF_A_SUM => false,
             0 | 1 => self.differs(emitter, shares) || self.is_crossed(emitter),
             _ => true,
         }
@@ -791,7 +792,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     }
 
     /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
-    /// uncertain fractions, where they may move, by `most` standard errors.
+    /// uncertain fractions, where they may move, by `most` standard errors each.
     fn add_up(
         &mut self,
         emitter: &Emitter<'_>,

@@ -146,14 +146,8 @@ fn cover(p: &Plate, q: &Plate, tolerance: f64) -> Option<Relation> {
     if are_divided(p, q) || are_divided(q, p) {
         return None;
     }
-    let mut polygon: Vec<DVec3> = q.corners.map(|c| c - p.normal * p.height(c)).to_vec();
-    let mut kept = Vec::with_capacity(6);
-    for k in 0..3 {
-        let side = inside_of(p, k);
-        kept.clear();
-        geometry::clip(&polygon, side, &mut kept);
-        std::mem::swap(&mut polygon, &mut kept);
-    }
+    let on_p = q.corners.map(|c| c - p.normal * p.height(c));
+    let polygon = geometry::within(on_p.to_vec(), &p.corners);
     let (&first, rest) = polygon.split_first()?;
     let area = 0.5
         * rest

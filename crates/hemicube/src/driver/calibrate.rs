@@ -177,10 +177,11 @@ pub fn calibrate<'a>(
     } else {
         tried.clone()
     };
+    let (drawn, kept) = draw(model, &rows, first, rotate, backend)?;
     let sample = Sample {
-        drawn: draw(model, &rows, first, rotate, backend)?,
-        tried,
-        rows,
+        tried: tried.iter().filter_map(|k| kept.binary_search(k).ok()).collect(),
+        rows: kept.into_iter().map(|k| rows[k]).collect(),
+        drawn,
         weights,
         grouping,
         model,
@@ -248,11 +249,6 @@ impl Sample<'_> {
         seen(self.drawn.row(k)).filter(move |&(patch, _)| !self.spaces.separate(of, patch))
     }
 
-    /// Places in `rows` of the rows that are drawn.
-    fn places(&self) -> impl Iterator<Item = usize> + '_ {
-        (0..self.rows.len()).filter(|&k| self.drawn.place[k].is_some())
-    }
-
     /// Tells the patches that the k-th row may have an entry for.
     fn receivers(&self, k: usize) -> impl Fn(u32) -> bool + '_ {
         let of = self.rows[k].0;
@@ -271,15 +267,14 @@ impl Sample<'_> {
     /// the rows of the matrix.
     fn learn(&self) -> Result<(Refinement, f64), ComputeError> {
         let model = self.model;
-        let patch_count = model.patches().len();
+        let (count, patch_count) = (self.rows.len(), model.patches().len());
         let plain = Refinement {
             effort: f64::INFINITY,
             ..Refinement::for_tolerance(self.tolerance)
         };
         let mut refiner = self.refiner(plain);
         let (mut norm, mut rows) = (0.0, Vec::new());
-        let count = self.places().count();
-        for k in self.places() {
+        for k in 0..count {
             self.go_on()?;
             norm += refiner
                 .row(model, self.rows[k], self.seen(k), false, self.receivers(k))
@@ -288,7 +283,7 @@ impl Sample<'_> {
                 rows.push(self.of_patches(values(&refiner.pairs)));
             }
         }
-        let escaped: u64 = self.places().map(|k| u64::from(self.drawn.row(k).escaped)).sum();
+        let escaped: u64 = (0..count).map(|k| u64::from(self.drawn.row(k).escaped)).sum();
         let known = Refinement {
             mean_squared_norm: norm / count.max(1) as f64,
             is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
@@ -318,7 +313,7 @@ impl Sample<'_> {
         let refinement = Refinement { effort, ..known };
         let mut refiner = self.refiner(refinement);
         let asked = if refinement.all {
-            self.places().collect()
+            (0..self.rows.len()).collect()
         } else {
             self.tried.clone()
         };
@@ -474,27 +469,27 @@ fn seen(row: RowView<'_>) -> impl Iterator<Item = (u32, f64)> + '_ {
 /// Rows of one hemicube each, rendered a chunk at a time.
 struct Drawn {
     chunks: Vec<RowBlock>,
-    /// The chunk of each row of the sample, and its place there; `None`: not drawn.
-    place: Vec<Option<(usize, usize)>>,
+    /// The chunk of each row, and its place there.
+    place: Vec<(usize, usize)>,
 }
 
 impl Drawn {
-    /// The k-th row of the sample, which is drawn.
+    /// The k-th row.
     fn row(&self, k: usize) -> RowView<'_> {
-        let (chunk, place) = self.place[k].unwrap_or_default();
+        let (chunk, place) = self.place[k];
         self.chunks[chunk].row(place)
     }
 }
 
 /// Draws one hemicube for each of the rows: those at the places `first`, ascending, and others, evenly spread, while all
-/// together see fewer than [`NORM_ENTRIES`] patches.
+/// together see fewer than [`NORM_ENTRIES`] patches. Returns them with their places in `rows`, ascending.
 fn draw(
     model: &Model,
     rows: &[InputPatch],
     first: Vec<usize>,
     rotate: bool,
     backend: &mut dyn HemicubeBackend,
-) -> Result<Drawn, ComputeError> {
+) -> Result<(Drawn, Vec<usize>), ComputeError> {
     let settings = RenderSettings {
         resolution: RESOLUTION,
         culling: Culling::On,
@@ -506,15 +501,11 @@ fn draw(
             backend: backend.info().name.clone(),
             source,
         })?;
-    let mut drawn = Drawn {
-        chunks: Vec::new(),
-        place: vec![None; rows.len()],
-    };
     let others: Vec<usize> = spread(rows.len())
         .into_iter()
         .filter(|k| first.binary_search(k).is_err())
         .collect();
-    let mut entries = 0;
+    let (mut chunks, mut places, mut entries) = (Vec::new(), Vec::with_capacity(rows.len()), 0);
     for chunk in std::iter::once(&*first).chain(others.chunks(first.len().max(1))) {
         if chunk.is_empty() || entries >= NORM_ENTRIES {
             break;
@@ -528,12 +519,12 @@ fn draw(
         entries += (0..chunk.len())
             .map(|place| block.row(place).patches.len())
             .sum::<usize>();
-        for (place, &k) in chunk.iter().enumerate() {
-            drawn.place[k] = Some((drawn.chunks.len(), place));
-        }
-        drawn.chunks.push(block);
+        places.extend(chunk.iter().enumerate().map(|(place, &k)| (k, (chunks.len(), place))));
+        chunks.push(block);
     }
-    Ok(drawn)
+    places.sort_unstable();
+    let (kept, place) = places.into_iter().unzip();
+    Ok((Drawn { chunks, place }, kept))
 }
 
 #[cfg(test)]

@@ -863,11 +863,12 @@ const LOST: f64 = 0.01;
 /// n of the n² hemicubes of an inconsistent row: of its next attempt, and of the one after that. At most
 /// [`MOST_PER_EDGE`], or 4 times the plan's n.
 fn more_per_edge(plan: &Plan, per_edge: u32) -> Vec<u32> {
-    let times: &[u32] = match plan.correction {
-        // In the open, the centroid of an inconsistent row is a bad place to see the sky from. In a closed scene its
-        // sum is part of the promise.
-        Correction::Tolerance(_) if plan.correction.is_in_the_open() => &[2],
-        Correction::Pixel | Correction::Tolerance(_) => &[2, 4],
+    // In the open, the centroid of an inconsistent row is a bad place to see the sky from. In a closed scene its sum is
+    // part of the promise.
+    let times: &[u32] = if plan.correction.is_in_the_open() {
+        &[2]
+    } else {
+        &[2, 4]
     };
     let most = MOST_PER_EDGE.max(plan.samples_per_edge * 4);
     let more = times.iter().map(|times| times * per_edge);

@@ -28,8 +28,8 @@ pub enum Asked {
     Tolerance(f64),
 }
 
-/// The relative Frobenius error of a matrix that nobody asked a tolerance for. A choice: 1 % takes 1.4 times the steps over
-/// the scoreboard's scenes (`scoreboard board`); 5 % leaves entries two and a half times as far off.
+/// The relative Frobenius error of a matrix that nobody asked a tolerance for. A choice: with less, runs cost more (1 %
+/// takes 1.4 times the steps, `scoreboard board`); with more, they are less exact.
 pub const DEFAULT_TOLERANCE: f64 = 0.02;
 
 impl Default for Asked {

@@ -4,9 +4,10 @@
 //! bytes = base + (patches − triangles' patches) · of a piece + triangles' patches · of a whole one
 //! ```
 //!
-//! Pieces of one plane cost most: those of a closed room, 202 MB for 144,000 to a tolerance, 556 MB by object (`compute
-//! --rows 0..16 --json`, `peak_memory_bytes`). They are taken at more than was measured there, an upper bound. Uncut triangles, in memory as they are read, are taken at 330 bytes, the
-//! least that was measured, so that no scene is refused that could fit.
+//! Pieces of one plane cost most: those of a closed room, 202 MB for 144,000 to a tolerance, 556 MB by object (`generate
+//! room --patches 360`, `compute room.obj --split 20 --rows 0..16 --json`: `peak_memory_bytes`). They are taken at more
+//! than was measured there, an upper bound. Uncut triangles, in memory as they are read, are taken at 330 bytes, the least
+//! that was measured, so that no scene is refused that could fit.
 
 use hemicube_scene::{Patches, Scene, Subdivision};
 

@@ -2,8 +2,7 @@
 //!
 //! - *pixel*: the pixels that see a portal are drawn again as seen through it (`pass`), each with its weight, in whole
 //!   numbers: visible + escaped + blocked + unselected stays hemicubes · 2³¹, with what was cut off in the last.
-//! - *point*: likewise, scaled to what closed forms say that the row hands on.
-//! - *area*, *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen
+//! - *tolerance*: direct form factors stay. Rays aimed at the portals in sight (`aim`) find the pairs seen
 //!   through them. Segments and closed forms (`pairs`) measure the largest of them, until the rest by rays keeps its
 //!   share of the tolerance, unless more rays keep it for less. Two commuting mirrors, as of a duct, make one pair with
 //!   one closed form for either order.

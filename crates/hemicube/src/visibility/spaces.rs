@@ -21,12 +21,12 @@
 //!
 //! Cost: O(n log n) for n surfaces, and only where step 2 leaves more than one space are crossings and winding numbers
 //! looked for, within [`MOST_BLOCKS`] blocks of the tree and [`MOST_ANGLES`] solid angles a surface. A scene that meets a
-//! bound has one space.
+//! bound has one space. Surfaces that lie on each other are looked for within as many blocks again.
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
 use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED, overlap};
-use crate::geometry::{Plane, centroid, clip, cross};
+use crate::geometry::{Plane, centroid, cross, within};
 use crate::sampling::splitmix;
 use crate::visibility::coplanar::number_corners;
 use crate::visibility::nearest::nearest;
@@ -44,6 +44,9 @@ const FAR: f64 = 4.0;
 const MOST_BLOCKS: usize = 256;
 /// Bound of the solid angles of winding numbers, a surface. A choice, as above.
 const MOST_ANGLES: usize = 4_096;
+/// Bound of the pairs of patches that lie on each other, a surface: some 200 bytes each. A choice: a mesh on another has
+/// about ten.
+const MOST_ON_EACH_OTHER: usize = 64;
 /// Patches of a sheet about which winding numbers are taken. A choice: all must agree.
 const SAMPLES: usize = 3;
 /// Patches of a set that are looked at for [`SAMPLES`] that no other surface lies on. A choice.
@@ -250,7 +253,7 @@ impl<'g> Sheets<'g> {
         let outside = self.outside();
         let outside = self.sets.find(outside);
         let is_closed = fronts.iter().map(|&set| set != outside).collect();
-        let on_each_other = self.on_each_other(&of_patch)?;
+        let on_each_other = self.on_each_other(&of_patch);
         Some(Spaces {
             of_patch,
             is_closed,
@@ -653,10 +656,12 @@ impl<'g> Sheets<'g> {
         true
     }
 
-    /// Pairs of patches in two spaces that lie on each other and face the same way, in both orders, ascending; `None`
-    /// where the bound is met.
-    fn on_each_other(&mut self, of_patch: &[u32]) -> Option<Vec<OnEachOther>> {
+    /// Pairs of patches in two spaces that lie on each other and face the same way, in both orders, ascending. None where
+    /// the bound of blocks, or [`MOST_ON_EACH_OTHER`], is met: spaces stay apart, and what rows see there is blocked.
+    fn on_each_other(&mut self, of_patch: &[u32]) -> Vec<OnEachOther> {
         let geometry = self.geometry;
+        let most = MOST_ON_EACH_OTHER * geometry.surfaces.len();
+        self.blocks = 0;
         let reach = DVec3::splat(self.tolerance);
         let (mut pending, mut found) = (Vec::new(), Vec::new());
         for (s, surface) in (0u32..).zip(&geometry.surfaces) {
@@ -685,7 +690,7 @@ impl<'g> Sheets<'g> {
                     if let (Some(p), Some(q)) = (p, q)
                         && of_patch[p as usize] != of_patch[q as usize]
                     {
-                        let mut common = common(&surface.corners, &other.corners, normal);
+                        let mut common = within(surface.corners.to_vec(), &other.corners);
                         if side == 1 {
                             common.reverse();
                         }
@@ -700,12 +705,12 @@ impl<'g> Sheets<'g> {
                     }
                 }
             });
-            if !is_within {
-                return None;
+            if !is_within || found.len() > most {
+                return Vec::new();
             }
         }
         found.sort_unstable_by_key(|pair| pair.patches);
-        Some(found)
+        found
     }
 
     /// Joins sets about which all closed sheets have the same winding numbers; `None` where the bound is met.
@@ -862,20 +867,6 @@ impl Closed {
         let winding = ((sum - integer).abs() <= INTEGER).then_some(integer as i64);
         Some(winding)
     }
-}
-
-/// What two triangles in one plane of that normal have in common: a convex polygon.
-fn common(p: &[DVec3; 3], q: &[DVec3; 3], normal: DVec3) -> Vec<DVec3> {
-    let turns = cross(q).dot(normal);
-    let (mut polygon, mut clipped) = (p.to_vec(), Vec::new());
-    for k in 0..3 {
-        let (from, to) = (q[k], q[(k + 1) % 3]);
-        let inwards = normal.cross(to - from) * turns;
-        clipped.clear();
-        clip(&polygon, |corner| inwards.dot(corner - from), &mut clipped);
-        std::mem::swap(&mut polygon, &mut clipped);
-    }
-    polygon
 }
 
 /// The surfaces that end at each edge, by edge; none of an edge without length.

@@ -83,7 +83,7 @@ fn noisy(recipe: Recipe, seed: u64) -> Sample {
             part
         })
         .collect();
-    base.header.correction = "area".into();
+    base.header.correction = "tolerance".into();
     base
 }
 
@@ -402,7 +402,7 @@ fn the_manifest_says_what_was_done_and_to_what() {
     };
     assert_eq!(counts(record), counts(&ran.report.balance));
     assert!((record.after.closure_max - ran.report.balance.after.closure_max).abs() < 1e-15);
-    assert_eq!(result.correction, "area, balanced");
+    assert_eq!(result.correction, "tolerance, balanced");
     assert_ne!(result.settings_hash, source.settings_hash);
     assert_eq!(record.source.settings_hash, source.settings_hash);
     assert_eq!(result.scene, source.scene);
@@ -419,7 +419,10 @@ fn the_manifest_says_what_was_done_and_to_what() {
     let again = ran.result.directory().with_file_name("again");
     let report = balance(&ran.result, &again, &closure()).unwrap();
     assert_eq!(report.balance.source.settings_hash, result.settings_hash);
-    assert_eq!(Store::open(&again).unwrap().manifest().correction, "area, balanced");
+    assert_eq!(
+        Store::open(&again).unwrap().manifest().correction,
+        "tolerance, balanced"
+    );
     let (one, other) = (dense(&ran.result), dense(&Store::open(&again).unwrap()));
     for (a, b) in one.iter().flatten().zip(other.iter().flatten()) {
         assert!((a - b).abs() <= 2e-6 * a, "{a} {b}");
@@ -583,7 +586,7 @@ fn by_hand(rows: &[(&[(i32, f32)], f64)]) -> Sample {
         push_sums(&mut part, patch, (escaped * HEMICUBE_WEIGHT as f64) as u64, 0);
     }
     made.parts = vec![part];
-    made.header.correction = "area".into();
+    made.header.correction = "tolerance".into();
     made
 }
 

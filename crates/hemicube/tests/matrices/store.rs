@@ -790,7 +790,7 @@ fn shards_and_resumed_runs_write_the_bytes_of_one_run() {
 fn refined_shares_come_back_from_parts_table_and_a_run_that_goes_on() {
     let directory = tempfile::tempdir().unwrap();
     let mut sample = sample(40, 40, 16, 7);
-    sample.header.correction = "area".into();
+    sample.header.correction = "tolerance".into();
     for part in &mut sample.parts {
         for (row, shares) in part.shares.iter_mut().enumerate() {
             *shares = shares.refined(part.sums[row].visible as f64 / HEMICUBE_WEIGHT as f64 * 0.9, f64::NAN);

@@ -27,14 +27,11 @@ const STEPS_A_CANDIDATE: u64 = 300;
 /// else. Choices.
 const BATCH: usize = 64;
 const LEAST_GAIN: f64 = 0.02;
-/// Number of standard errors of a row's sum beyond which its errors are taken to have one cause.
-const SURE: f64 = 1.0;
-/// Standard errors that a form factor moves at most: beyond, it is not its own error that the sum shows. And the same of a
-/// row that was computed again for its sum, and nothing else is left. Choices.
+/// Standard errors that a form factor moves at most, unless its row was computed again for its sum. A choice: with more,
+/// the few least certain entries take what others lack.
 pub(crate) const MOST: f64 = 3.0;
-pub(crate) const MOST_AT_LAST: f64 = 24.0;
-/// Halvings by which μ is found: to 10⁻¹⁵ of its range.
-const HALVINGS: usize = 50;
+/// Halvings by which μ is found.
+const HALVINGS: usize = 100;
 
 /// Difference of a row's sum from what it is known to be.
 #[derive(Clone, Copy, Debug)]
@@ -56,23 +53,30 @@ struct Uncertain {
 impl Uncertain {
     /// The form factor moved by so many of its variances, by `most` standard errors and from 0 to the unoccluded one.
     fn moved(self, by: f64, most: f64) -> f64 {
+        if self.variance <= 0.0 {
+            return self.factor;
+        }
         let most = most * self.variance.sqrt();
-        (self.factor + (by * self.variance).clamp(-most, most)).clamp(0.0, self.unoccluded.max(self.factor))
+        (self.factor + (by * self.variance).clamp(-most, most)).clamp(0.0, self.ceiling())
+    }
+
+    fn ceiling(self) -> f64 {
+        self.unoccluded.max(self.factor)
     }
 }
 
 /// Moves all form factors by the same number μ of their variances, so that their sum changes by its expectation
 /// `lacking.sum` · V / (V + e²), V = Σ variance and e = `lacking.error`: the most probable row of that sum.
 ///
-/// Errors of one row may have one cause, a centroid that stands badly for its patch. What the sum lacks beyond
-/// [`SURE`] standard errors says so, and V grows with it. None moves by more than `most` standard errors.
+/// Errors of one row may have one cause, a centroid that stands badly for its patch. The most likely factor on V, at
+/// least 1, is what the sum lacks less what noise explains, over V. None moves by more than `most` standard errors.
 fn project(factors: &mut [Uncertain], lacking: Lacking, most: f64) {
     let own: f64 = factors.iter().map(|factor| factor.variance).sum();
     if own <= 0.0 {
         return;
     }
     let noise = lacking.error * lacking.error;
-    let own_or_more = own.max((lacking.sum / SURE).powi(2) - noise);
+    let own_or_more = own.max(lacking.sum * lacking.sum - noise);
     let wanted = lacking.sum * own_or_more / (own_or_more + noise);
     let gained = |by: f64| -> f64 {
         factors
@@ -84,7 +88,7 @@ fn project(factors: &mut [Uncertain], lacking: Lacking, most: f64) {
     let end = factors
         .iter()
         .filter(|factor| factor.variance > 0.0)
-        .map(|factor| most / factor.variance.sqrt())
+        .map(|factor| (most / factor.variance.sqrt()).min(factor.ceiling() / factor.variance))
         .fold(0.0, f64::max);
     let (mut low, mut high) = if wanted < 0.0 { (-end, 0.0) } else { (0.0, end) };
     for _ in 0..HALVINGS {
