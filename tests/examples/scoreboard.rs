@@ -1,9 +1,9 @@
-//! The scoreboard of accuracy and cost over sixteen scenes and six accuracy levels.
+//! The scoreboard of accuracy and cost over sixteen scenes and five accuracy levels.
 //!
 //! `scoreboard board [--bless] [SCENE…]` computes the rows, and prints error and cost beside the committed board, and
 //! where asking for more gives less; `--bless` commits them: `tests/golden/board.csv`, and the tables of
 //! docs/dev/scoreboard.md. `scoreboard golden [SCENE…]` traces the reference rows anew. `scoreboard rendering` prints
-//! what rendering costs by what a backend counts. `scoreboard bits [--bless]` tells whether bits changed.
+//! what rendering costs by what a backend counts. `scoreboard bits [--bless]` tells whether bits changed, and fails if so.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example prints")]
 
 use hemicube::accuracy::correct::Correction;
@@ -85,7 +85,11 @@ fn whole_board(names: &[String], bless: bool) -> Result<(), Box<dyn std::error::
 fn bits(bless: bool) -> Result<(), Box<dyn std::error::Error>> {
     let committed = std::fs::read_to_string(Bits::path()).unwrap_or_default();
     let (new, old) = (Bits::compute(), Bits::of_text(&committed));
-    println!("{}", new.changed(&old).unwrap_or_else(|| "bits changed: no".to_owned()));
+    let changed = new.changed(&old);
+    println!("{}", changed.as_deref().unwrap_or("bits changed: no"));
+    if changed.is_some() && !bless {
+        std::process::exit(1);
+    }
     if bless {
         if !new.may_replace(&old) {
             return Err("not committed: `PROGRAM` in crates/store/src/lib.rs is not raised".into());

@@ -93,7 +93,8 @@ pub fn hash(parts: &[Part]) -> String {
                 .for_each(|share| put(share.to_bits()));
         }
         part.hemicubes.iter().for_each(|&count| put(u64::from(count)));
-        part.errors.iter().for_each(|error| put(u64::from(error.to_bits())));
+        let errors = part.errors.iter().flat_map(|errors| errors.to_array());
+        errors.for_each(|error| put(u64::from(error.to_bits())));
         part.rays.iter().for_each(|&rays| put(u64::from(rays)));
     }
     hasher.finalize().to_hex()[..16].to_owned()

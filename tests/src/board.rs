@@ -7,6 +7,7 @@
 //! |---|---|
 //! | error | error² has grown by more than three standard deviations (`spread`) of both |
 //! | sums, escaped, the worst entry | more than a quarter and three standard errors of the reference above the committed |
+//! | rows that do not say how far off their sum or *escaped* is | more than committed |
 //! | steps | more than 2 % above the committed |
 //! | between tolerances | a lower one has a larger error (three standard deviations), expects a larger, or takes 1 % fewer steps |
 //! | between other levels | one takes 2 % more steps than another *and* has a larger error |
@@ -23,7 +24,7 @@ use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Counters, Culling, RenderSettings};
 use hemicube::driver::compute::{Execution, compute};
 use hemicube::reference::ReferenceRow;
-use hemicube::store::Part;
+use hemicube::store::{Part, RowErrors};
 use hemicube_backend_cpu::CpuBackend;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -122,6 +123,20 @@ pub struct Cell {
     pub escaped_noise: f64,
     /// Rows whose escaped is off by more than the tolerance (1 % at other levels) and three standard errors.
     pub escaped_beyond: f64,
+    /// Root mean square of ΣF − reference over the rows, the reference's noise taken off.
+    pub sums_rms: f64,
+    /// Root mean square of the rows' standard errors of ΣF; NaN at levels that have none.
+    pub sums_expected: f64,
+    /// Rows whose ΣF is off by more than the tolerance, and by more than three standard errors, the reference's
+    /// added: they say nothing of it.
+    pub sums_unsaid: f64,
+    /// Root mean square of escaped − reference over the rows, the reference's noise taken off.
+    pub escaped_rms: f64,
+    /// Root mean square of the rows' standard errors of escaped; NaN at levels that have none.
+    pub escaped_expected: f64,
+    /// Rows whose escaped is off by more than the tolerance, and by more than three standard errors, the reference's
+    /// added: they say nothing of it.
+    pub escaped_unsaid: f64,
     /// The largest |F − reference|, and three standard errors of the reference taken off.
     pub worst_entry: f64,
     /// Counted steps a row, rendering in them.
@@ -132,7 +147,7 @@ pub struct Cell {
     pub settling: f64,
 }
 
-const FIELDS: [&str; 18] = [
+const FIELDS: [&str; 24] = [
     "scene",
     "level",
     "error",
@@ -147,6 +162,12 @@ const FIELDS: [&str; 18] = [
     "escaped_worst",
     "escaped_noise",
     "escaped_beyond",
+    "sums_rms",
+    "sums_expected",
+    "sums_unsaid",
+    "escaped_rms",
+    "escaped_expected",
+    "escaped_unsaid",
     "worst_entry",
     "steps",
     "ms_a_row",
@@ -154,7 +175,7 @@ const FIELDS: [&str; 18] = [
 ];
 
 impl Cell {
-    fn numbers(&self) -> [f64; 16] {
+    fn numbers(&self) -> [f64; 22] {
         [
             self.error,
             self.spread,
@@ -168,6 +189,12 @@ impl Cell {
             self.escaped_worst,
             self.escaped_noise,
             self.escaped_beyond,
+            self.sums_rms,
+            self.sums_expected,
+            self.sums_unsaid,
+            self.escaped_rms,
+            self.escaped_expected,
+            self.escaped_unsaid,
             self.worst_entry,
             self.steps,
             self.milliseconds,
@@ -219,6 +246,12 @@ impl Cell {
             escaped_worst,
             escaped_noise,
             escaped_beyond,
+            sums_rms,
+            sums_expected,
+            sums_unsaid,
+            escaped_rms,
+            escaped_expected,
+            escaped_unsaid,
             worst_entry,
             steps,
             milliseconds,
@@ -242,6 +275,12 @@ impl Cell {
             escaped_worst,
             escaped_noise,
             escaped_beyond,
+            sums_rms,
+            sums_expected,
+            sums_unsaid,
+            escaped_rms,
+            escaped_expected,
+            escaped_unsaid,
             worst_entry,
             steps,
             milliseconds,
@@ -351,8 +390,8 @@ pub struct Found {
     pub entries: Vec<(u32, f64)>,
     /// Share that meets nothing.
     pub escaped: f64,
-    /// Expected √Σ (F − true F)²; NaN at levels that have none.
-    pub expected: f64,
+    /// Standard errors; NaN at levels that have none.
+    pub errors: RowErrors,
 }
 
 /// Computes the rows of `golden` at a level and compares them. With `timed`, again until their time is told.
@@ -404,13 +443,13 @@ pub fn measure(ready: &Ready, golden: &Golden, level: Level, timed: bool) -> Cel
         for (place, &row) in part.rows.iter().enumerate() {
             let (columns, values) = part.row(place);
             let entries = columns.iter().map(|&c| c.cast_unsigned()).zip(values.iter()).collect();
-            let (escaped, expected) = (part.shares[place].escaped, f64::from(part.errors[place]));
+            let (escaped, errors) = (part.shares[place].escaped, part.errors[place]);
             found.insert(
                 row,
                 Found {
                     entries,
                     escaped,
-                    expected,
+                    errors,
                 },
             );
         }
@@ -429,6 +468,37 @@ pub fn measure(ready: &Ready, golden: &Golden, level: Level, timed: bool) -> Cel
         settling: if settling > 0.05 { settling } else { 0.0 },
         ..errors(&golden.rows, &found, tolerance)
     }
+}
+
+/// How far a row's sum or share is off.
+#[derive(Clone, Copy, Debug)]
+struct Off {
+    off: f64,
+    /// The reference's standard error.
+    noise: f64,
+    /// The row's own; NaN where it has none.
+    expected: f64,
+}
+
+impl Off {
+    fn new(difference: f64, noise: f64, expected: f32) -> Self {
+        Self {
+            off: difference.abs(),
+            noise,
+            expected: expected.into(),
+        }
+    }
+}
+
+fn mean(values: &[Off], of: impl Fn(&Off) -> f64) -> f64 {
+    values.iter().map(of).sum::<f64>() / values.len().max(1) as f64
+}
+
+fn quantile(values: &[Off], of: impl Fn(&Off) -> f64, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.iter().map(of).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let rank = (0..values.len()).find(|&rank| (rank + 1) as f64 >= share * values.len() as f64);
+    rank.and_then(|rank| values.get(rank)).copied().unwrap_or(0.0)
 }
 
 /// The errors of rows, by emitter; a row that is missing has no entry and no share.
@@ -459,23 +529,30 @@ pub fn errors(reference: &[ReferenceRow], found: &BTreeMap<u32, Found>, toleranc
         variance += 2.0 * row.missed_squared.powi(2);
         noise += row.squared_error();
         norm += row.squared_norm();
-        expected += own.expected.powi(2);
+        expected += f64::from(own.errors.norm).powi(2);
         let sum: f64 = own.entries.iter().map(|entry| entry.1).sum();
-        sums.push(((sum - row.sum()).abs(), row.sum_noise()));
-        escaped.push(((own.escaped - row.escaped).abs(), row.error_of_shares));
+        sums.push(Off::new(sum - row.sum(), row.sum_noise(), own.errors.sum));
+        escaped.push(Off::new(
+            own.escaped - row.escaped,
+            row.error_of_shares,
+            own.errors.escaped,
+        ));
     }
     let relative = |squared: f64| if norm > 0.0 { squared / norm } else { squared };
-    let quantile = |values: &[(f64, f64)], of: fn(&(f64, f64)) -> f64, share: f64| {
-        let mut values: Vec<f64> = values.iter().map(of).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        let rank = (0..values.len()).find(|&rank| (rank + 1) as f64 >= share * values.len() as f64);
-        rank.and_then(|rank| values.get(rank)).copied().unwrap_or(0.0)
+    let count = |values: &[Off], is: &dyn Fn(&Off) -> bool| values.iter().filter(|off| is(off)).count() as f64;
+    // NaN is within nothing.
+    let beyond = |values: &[Off]| count(values, &|off| !(off.off <= tolerance + 3.0 * off.noise));
+    let unsaid = |values: &[Off]| {
+        count(values, &|off| {
+            !(off.off <= tolerance.max(3.0 * off.expected) + 3.0 * off.noise)
+        })
     };
-    let beyond = |values: &[(f64, f64)]| {
-        // NaN is within nothing.
-        let is_kept = |&&(off, error): &&(f64, f64)| off <= tolerance + 3.0 * error;
-        (values.len() - values.iter().filter(is_kept).count()) as f64
+    let rms = |values: &[Off]| {
+        let squared = mean(values, |off| off.off.powi(2)) - mean(values, |off| off.noise.powi(2));
+        // NaN must show.
+        if squared < 0.0 { 0.0 } else { squared.sqrt() }
     };
+    let expected_rms = |values: &[Off]| mean(values, |off| off.expected.powi(2)).sqrt();
     Cell {
         scene: String::new(),
         level: String::new(),
@@ -486,14 +563,20 @@ pub fn errors(reference: &[ReferenceRow], found: &BTreeMap<u32, Found>, toleranc
         spread: relative(variance.sqrt()),
         noise: relative(noise).sqrt(),
         expected: relative(expected).sqrt(),
-        sums_95: quantile(&sums, |s| s.0, 0.95),
-        sums_worst: quantile(&sums, |s| s.0, 1.0),
-        sums_noise: quantile(&sums, |s| s.1, 0.95),
+        sums_95: quantile(&sums, |off| off.off, 0.95),
+        sums_worst: quantile(&sums, |off| off.off, 1.0),
+        sums_noise: quantile(&sums, |off| off.noise, 0.95),
         sums_beyond: beyond(&sums),
-        escaped_95: quantile(&escaped, |s| s.0, 0.95),
-        escaped_worst: quantile(&escaped, |s| s.0, 1.0),
-        escaped_noise: quantile(&escaped, |s| s.1, 0.95),
+        escaped_95: quantile(&escaped, |off| off.off, 0.95),
+        escaped_worst: quantile(&escaped, |off| off.off, 1.0),
+        escaped_noise: quantile(&escaped, |off| off.noise, 0.95),
         escaped_beyond: beyond(&escaped),
+        sums_rms: rms(&sums),
+        sums_expected: expected_rms(&sums),
+        sums_unsaid: unsaid(&sums),
+        escaped_rms: rms(&escaped),
+        escaped_expected: expected_rms(&escaped),
+        escaped_unsaid: unsaid(&escaped),
         worst_entry,
         steps: 0.0,
         milliseconds: f64::NAN,
@@ -534,6 +617,16 @@ pub fn worse(new: &Cell, old: &Cell) -> Vec<String> {
         // Rows that were exact stay so to a millionth.
         if exceeds(new, (1.0 + SCATTER) * old + DEVIATIONS * noise + 1e-6) {
             found.push(format!("{place}: {figure} {new:.3e}, committed {old:.3e}"));
+        }
+    }
+    for (figure, new, old) in [
+        ("sums", new.sums_unsaid, old.sums_unsaid),
+        ("escaped", new.escaped_unsaid, old.escaped_unsaid),
+    ] {
+        if exceeds(new, old) {
+            found.push(format!(
+                "{place}: {new:.0} rows do not say how far off their {figure} are, committed {old:.0}"
+            ));
         }
     }
     if exceeds(new.steps, (1.0 + STEPS) * old.steps) {
@@ -614,10 +707,15 @@ fn beside(new: f64, old: Option<f64>, show: impl Fn(f64) -> String) -> String {
     }
 }
 
+/// Expected over measured; NaN for an error within this noise of the reference.
+fn ratio_of(expected: f64, error: f64, noise: f64) -> f64 {
+    if error > noise { expected / error } else { f64::NAN }
+}
+
 /// The board as a table, beside the committed one where figures differ.
 pub fn table(cells: &[Cell], committed: &[Cell]) -> String {
     let mut text = String::from(
-        "| scene | level | error % | expected ÷ error | ΣF: 95 %, worst | escaped: 95 %, worst | worst entry | steps a row | ms a row | settling, ms |\n\
+        "| scene | level | error % | expected ÷ error | ΣF: 95 %, worst, expected ÷ error | escaped: 95 %, worst, expected ÷ error | worst entry | steps a row | ms a row | settling, ms |\n\
          |---|---|---|---|---|---|---|---|---|---|\n",
     );
     let percent = |x: f64| format!("{:.3}", 100.0 * x);
@@ -634,13 +732,7 @@ pub fn table(cells: &[Cell], committed: &[Cell]) -> String {
             }
         };
         // An error that the reference's noise hides has no ratio.
-        let calibration = |cell: &Cell| {
-            if cell.error > 0.5 * cell.noise {
-                cell.expected / cell.error
-            } else {
-                f64::NAN
-            }
-        };
+        let calibration = |cell: &Cell| ratio_of(cell.expected, cell.error, 0.5 * cell.noise);
         let kilo = |x: f64| format!("{:.1} k", x / 1e3);
         let plain = |x: f64| {
             if x.is_nan() {
@@ -650,14 +742,22 @@ pub fn table(cells: &[Cell], committed: &[Cell]) -> String {
             }
         };
         let whole = |x: f64| format!("{x:.0}");
+        let of_sums = |cell: &Cell| ratio_of(cell.sums_expected, cell.sums_rms, cell.sums_noise);
+        let of_escaped = |cell: &Cell| ratio_of(cell.escaped_expected, cell.escaped_rms, cell.escaped_noise);
         let cells = [
             of(|c| c.error, &percent),
             beside(calibration(cell), old.map(calibration), ratio),
-            format!("{}, {}", of(|c| c.sums_95, &percent), of(|c| c.sums_worst, &percent)),
             format!(
-                "{}, {}",
+                "{}, {}, {}",
+                of(|c| c.sums_95, &percent),
+                of(|c| c.sums_worst, &percent),
+                beside(of_sums(cell), old.map(of_sums), ratio)
+            ),
+            format!(
+                "{}, {}, {}",
                 of(|c| c.escaped_95, &percent),
-                of(|c| c.escaped_worst, &percent)
+                of(|c| c.escaped_worst, &percent),
+                beside(of_escaped(cell), old.map(of_escaped), ratio)
             ),
             of(|c| c.worst_entry, &|x| format!("{x:.1e}")),
             of(|c| c.steps, &kilo),
@@ -673,8 +773,8 @@ pub fn table(cells: &[Cell], committed: &[Cell]) -> String {
 pub fn summary(cells: &[Cell]) -> String {
     let rows = f64::from(ROWS);
     let mut text = String::from(
-        "| level | scenes | error ≤ T in | ΣF beyond T, rows | escaped beyond T, rows | expected ÷ error, median | steps a row | ms a row | ms a row with settling |\n\
-         |---|---|---|---|---|---|---|---|---|\n",
+        "| level | scenes | error ≤ T in | ΣF beyond T, rows | escaped beyond T, rows | expected ÷ error, median | of ΣF, unsaid rows | of escaped, unsaid rows | steps a row | ms a row | ms a row with settling |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     for level in Level::ALL {
         let of: Vec<&Cell> = cells.iter().filter(|cell| cell.level == level.name()).collect();
@@ -695,24 +795,42 @@ pub fn summary(cells: &[Cell]) -> String {
             .iter()
             .filter(|cell| cell.error.powi(2) - 2.0 * cell.spread <= tolerance.powi(2))
             .count();
-        let mut ratios: Vec<f64> = of
-            .iter()
-            .filter(|cell| cell.error > 0.5 * cell.noise)
-            .map(|cell| cell.expected / cell.error)
-            .filter(|ratio| ratio.is_finite())
-            .collect();
-        ratios.sort_unstable_by(f64::total_cmp);
-        let median = ratios
-            .get(ratios.len() / 2)
-            .map_or("–".to_owned(), |ratio| format!("{ratio:.2}"));
+        let median = |ratio: &dyn Fn(&Cell) -> f64| {
+            let mut ratios: Vec<f64> = of
+                .iter()
+                .map(|cell| ratio(cell))
+                .filter(|ratio| !ratio.is_nan())
+                .collect();
+            ratios.sort_unstable_by(f64::total_cmp);
+            ratios
+                .get(ratios.len() / 2)
+                .map_or("–".to_owned(), |ratio| format!("{ratio:.2}"))
+        };
+        let calibration = [
+            median(&|cell| ratio_of(cell.expected, cell.error, 0.5 * cell.noise)),
+            median(&|cell| ratio_of(cell.sums_expected, cell.sums_rms, cell.sums_noise)),
+            median(&|cell| ratio_of(cell.escaped_expected, cell.escaped_rms, cell.escaped_noise)),
+        ];
+        let unsaid = |get: fn(&Cell) -> f64| {
+            if level == Level::Pixel {
+                "–".to_owned()
+            } else {
+                format!("{:.0}", total(get))
+            }
+        };
         let all = rows * of.len() as f64;
         writeln!(
             text,
-            "| {} | {} | {kept} | {:.0} of {all} | {:.0} of {all} | {median} | {:.1} k | {:.3} | {:.3} |",
+            "| {} | {} | {kept} | {:.0} of {all} | {:.0} of {all} | {} | {}, {} | {}, {} | {:.1} k | {:.3} | {:.3} |",
             level.name(),
             of.len(),
             total(|cell| cell.sums_beyond),
             total(|cell| cell.escaped_beyond),
+            calibration[0],
+            calibration[1],
+            unsaid(|cell| cell.sums_unsaid),
+            calibration[2],
+            unsaid(|cell| cell.escaped_unsaid),
             mean(&|cell| cell.steps) / 1e3,
             mean(&|cell| cell.milliseconds),
             mean(&|cell| cell.milliseconds + cell.settling / rows),
@@ -742,6 +860,12 @@ mod tests {
             escaped_worst: 2e-3,
             escaped_noise: 1e-4,
             escaped_beyond: 0.0,
+            sums_rms: 1e-3,
+            sums_expected: 1e-3,
+            sums_unsaid: 0.0,
+            escaped_rms: 5e-4,
+            escaped_expected: 5e-4,
+            escaped_unsaid: 0.0,
             worst_entry: 1e-3,
             steps,
             milliseconds: 1.0,
@@ -786,6 +910,8 @@ mod tests {
         assert_eq!(with(|c| c.sums_worst = 6e-3), 1);
         assert_eq!(with(|c| c.escaped_95 = 2e-3), 1);
         assert_eq!(with(|c| c.escaped_worst = 3e-3), 1);
+        assert_eq!(with(|c| c.sums_unsaid = 1.0), 1);
+        assert_eq!(with(|c| c.escaped_unsaid = 1.0), 1);
         assert_eq!(with(|c| c.worst_entry = f64::NAN), 1);
         assert_eq!(with(|c| c.steps = 1.03e4), 1);
         assert_eq!(with(|c| c.steps = 0.5e4), 0);
@@ -838,7 +964,8 @@ mod tests {
         let own = Found {
             entries,
             escaped: 0.27,
-            expected: 0.05,
+            // Of the sum, which is 0.03 off, it says enough; of escaped, too little.
+            errors: RowErrors::from_array([0.05, 0.02, 0.001]),
         };
         let measured = errors_against(&reference, &estimated);
         let cell = errors(&reference, &BTreeMap::from([(3, own)]), 1e-2);
@@ -846,10 +973,13 @@ mod tests {
         near(cell.error, measured.relative_frobenius);
         near(cell.noise, measured.reference_noise);
         near(cell.sums_worst, measured.row_sum_error.max);
-        near(cell.expected, 0.1);
+        assert!((cell.expected - 0.1).abs() < 1e-6, "{}", cell.expected);
         near(cell.escaped_worst, 0.03);
         near(cell.worst_entry, 0.02);
         assert_eq!((cell.sums_beyond, cell.escaped_beyond), (1.0, 1.0));
+        assert_eq!((cell.sums_unsaid, cell.escaped_unsaid), (0.0, 1.0));
+        near(cell.escaped_rms, (0.03f64.powi(2) - 1e-6).sqrt());
+        assert!((cell.sums_expected - 0.02).abs() < 1e-6, "{}", cell.sums_expected);
         // A row that is not there is no exact one.
         assert!(errors(&reference, &BTreeMap::new(), 1e-2).error > 0.99);
     }

@@ -71,7 +71,7 @@ pub use grouping::{Grouping, PatchKind};
 pub use lock::FolderLock;
 pub use manifest::{
     BackendEntry, FORMAT, FileEntry, Header, Manifest, PATCH_COUNT_MAX, PartEntry, PatchOptics, PatchTable, SceneEntry,
-    VERSION, VERSION_DOUBLE, VERSION_EXTENDED, VERSION_MIN, optics_of, scene_hash,
+    VERSION, optics_of, scene_hash,
 };
 pub use matrix::{F32_COMMENT, Matrix, MatrixRow};
 pub use npy::{Element, ElementType};
@@ -102,7 +102,7 @@ use serde::{Deserialize, Serialize};
 
 /// Name of this program in manifests: its version, a plus sign, and a number raised whenever the same settings and
 /// hemicubes come to other bits. A store is resumed only by the program of its manifest.
-pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+26");
+pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+27");
 
 /// The weight of a whole hemicube.
 pub const HEMICUBE_WEIGHT: u64 = 1 << 31;
@@ -206,6 +206,47 @@ impl RowSums {
     }
 }
 
+/// Standard errors of a row, each NaN at accuracy levels that do not estimate it.
+///
+/// They are expectations: of many rows, two thirds are off by less, and one in twenty by more than twice as much.
+#[derive(Clone, Copy, Debug)]
+pub struct RowErrors {
+    /// Of the row as a whole: expected √Σ (F − true F)².
+    pub norm: f32,
+    /// Of Σ F.
+    pub sum: f32,
+    /// Of *escaped*.
+    pub escaped: f32,
+}
+
+impl RowErrors {
+    /// Errors that nobody estimated.
+    pub const UNKNOWN: Self = Self::from_array([f32::NAN; 3]);
+
+    /// Norm, sum, escaped: the order in files.
+    pub const fn to_array(self) -> [f32; 3] {
+        [self.norm, self.sum, self.escaped]
+    }
+
+    /// The inverse of [`Self::to_array`].
+    pub const fn from_array([norm, sum, escaped]: [f32; 3]) -> Self {
+        Self { norm, sum, escaped }
+    }
+}
+
+impl Default for RowErrors {
+    fn default() -> Self {
+        Self::UNKNOWN
+    }
+}
+
+impl PartialEq for RowErrors {
+    /// Bit by bit: NaN equals itself.
+    fn eq(&self, other: &Self) -> bool {
+        self.to_array().map(f32::to_bits) == other.to_array().map(f32::to_bits)
+    }
+}
+
 /// A fixed run of the processing order: rows of the matrix, compressed. Parts are equal when all their bits are.
 #[derive(Clone, Debug, Default)]
 pub struct Part {
@@ -225,8 +266,8 @@ pub struct Part {
     pub shares: Vec<RowShares>,
     /// Number of hemicubes of each row; 0 for a row made without any.
     pub hemicubes: Vec<u32>,
-    /// Expected √Σ (F − true F)² of each row; NaN at accuracy levels that do not estimate it.
-    pub errors: Vec<f32>,
+    /// Standard errors of each row.
+    pub errors: Vec<RowErrors>,
     /// Rays and points spent on each row's visible fractions.
     pub rays: Vec<u32>,
     /// Effect of leaving out small form factors, where that was asked for.
@@ -256,8 +297,6 @@ impl Passage {
 
 impl PartialEq for Part {
     fn eq(&self, other: &Self) -> bool {
-        // An error that is not estimated is NaN, which would not equal itself.
-        let bits = |part: &Self| part.errors.iter().map(|e| e.to_bits()).collect::<Vec<u32>>();
         self.index == other.index
             && self.rows == other.rows
             && self.indptr == other.indptr
@@ -266,7 +305,7 @@ impl PartialEq for Part {
             && self.sums == other.sums
             && self.shares == other.shares
             && self.hemicubes == other.hemicubes
-            && bits(self) == bits(other)
+            && self.errors == other.errors
             && self.rays == other.rays
             && self.thinning == other.thinning
             && self.passages == other.passages
@@ -280,6 +319,12 @@ impl Part {
             data: FactorVec::new(form.precision()),
             ..Self::default()
         }
+    }
+
+    /// Expected Σ (F − true F)² of the rows that estimate it.
+    pub fn squared_error(&self) -> f64 {
+        let squared = self.errors.iter().map(|errors| f64::from(errors.norm).powi(2));
+        squared.filter(|squared| !squared.is_nan()).sum()
     }
 
     /// The columns and form factors of a row, by its place in the part; empty beyond the last row.

@@ -19,21 +19,8 @@ use std::path::Path;
 /// Value of [`Manifest::format`] in every store.
 pub const FORMAT: &str = "hemicube-store";
 
-/// Version of the format, as written for a matrix of triangles.
-pub const VERSION: u32 = 2;
-
-/// Version of the format for rows that readers of version 2 misread: of patches of several elements, by
-/// `settings.patches`, or through portals, by `settings.portals`.
-pub const VERSION_EXTENDED: u32 = 3;
-
-/// Version of the format in the double form: earlier readers take form factors for f32.
-pub const VERSION_DOUBLE: u32 = 4;
-
-/// The newest version read.
-const VERSION_MAX: u32 = VERSION_DOUBLE;
-
-/// The oldest version read. Version 1 has no refined shares: its rows take those of their hemicubes.
-pub const VERSION_MIN: u32 = 1;
+/// Version of the format: this program reads and writes no other.
+pub const VERSION: u32 = 5;
 
 /// Most patches of a matrix: columns are `i32`, with room for marks beyond the last id.
 pub const PATCH_COUNT_MAX: u32 = (1 << 31) - 16;
@@ -87,17 +74,6 @@ impl Header {
     /// Kind of the patches, by `settings.patches`; triangles where the settings name none.
     pub fn patch_kind(&self) -> PatchKind {
         kind_of(&self.settings).unwrap_or_default()
-    }
-
-    /// The version of the format that form and settings ask for.
-    fn version(&self) -> u32 {
-        if self.form == Form::Double {
-            VERSION_DOUBLE
-        } else if self.patch_kind().is_triangle() && !names_portals(&self.settings) {
-            VERSION
-        } else {
-            VERSION_EXTENDED
-        }
     }
 }
 
@@ -208,7 +184,7 @@ pub struct PartEntry {
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// From [`VERSION_MIN`] to [`VERSION_DOUBLE`].
+    /// [`VERSION`].
     pub version: u32,
     /// Version of the program.
     pub program: String,
@@ -385,11 +361,10 @@ impl Manifest {
     /// The manifest of a store without parts.
     pub(crate) fn new(header: Header) -> Self {
         let part_count = header.part_count();
-        let version = header.version();
         let settings = sorted(&header.settings);
         Self {
             format: FORMAT.to_owned(),
-            version,
+            version: VERSION,
             program: header.program,
             scene: header.scene,
             settings_hash: blake3::hash(settings.to_string().as_bytes()).to_hex().to_string(),
@@ -440,13 +415,6 @@ impl Manifest {
         let of = |what: &str, theirs: &dyn std::fmt::Display, ours: &dyn std::fmt::Display| {
             Some(format!("its {what} is {theirs}, here it is {ours}"))
         };
-        // Kinds of patches, forms and portals decide it, and are named below.
-        let is_version_asked_for = self.patch_kind() != other.patch_kind()
-            || self.form != other.form
-            || names_portals(&self.settings) != names_portals(&other.settings);
-        if self.version != other.version && !is_version_asked_for {
-            return of("format's version", &self.version, &other.version);
-        }
         if self.program != other.program {
             return of("version of hemicube", &self.program, &other.program);
         }
@@ -554,11 +522,10 @@ impl Manifest {
             return Err("is no manifest of a store".into());
         }
         match fields.get("version").and_then(Value::as_u64) {
-            Some(version) if (u64::from(VERSION_MIN)..=u64::from(VERSION_MAX)).contains(&version) => {}
+            Some(version) if version == u64::from(VERSION) => {}
             Some(version) => {
                 return Err(format!(
-                    "has version {version}; this program reads versions {VERSION_MIN} to {VERSION_MAX}: use the \
-                     one that wrote it"
+                    "has version {version}; this program reads version {VERSION}: use the one that wrote it"
                 ));
             }
             None => return Err("has no version".into()),
@@ -576,7 +543,7 @@ impl Manifest {
     /// Returns whether rows go through portals: mirrors, panes, planes of symmetry, sectors, periods. A row then says
     /// what portals handed on and what was cut off.
     pub fn has_portals(&self) -> bool {
-        self.version >= VERSION_EXTENDED && names_portals(&self.settings)
+        names_portals(&self.settings)
     }
 
     /// Returns whether mirrors or panes hand on what arrives at them, so that form factors are of arrivals
@@ -623,16 +590,8 @@ impl Manifest {
         }
     }
 
-    /// Returns whether parts and the patch table have refined shares.
-    pub(crate) fn has_shares(&self) -> bool {
-        self.version > 1
-    }
-
     /// Kind of the patches: rows and columns.
     pub fn patch_kind(&self) -> PatchKind {
-        if self.version < VERSION_EXTENDED {
-            return PatchKind::Triangle;
-        }
         kind_of(&self.settings).unwrap_or_default()
     }
 
@@ -651,20 +610,6 @@ impl Manifest {
             return Err(format!(
                 "has {} rows of {} patches, which cannot be",
                 self.row_count, self.patch_count
-            ));
-        }
-        if (self.version == VERSION_DOUBLE) != (self.form == Form::Double) {
-            return Err(format!(
-                "has version {} and {} parts, which cannot be",
-                self.version,
-                self.form.name()
-            ));
-        }
-        let is_extended = !self.patch_kind().is_triangle() || self.has_portals();
-        if self.version != VERSION_DOUBLE && (self.version == VERSION_EXTENDED) != is_extended {
-            return Err(format!(
-                "has version {}, patches of the kind {} and the portals {}, which cannot be",
-                self.version, self.settings["patches"], self.settings["portals"]
             ));
         }
         if self.rows_per_part == 0 || self.part_count != self.row_count.div_ceil(self.rows_per_part) {

@@ -11,7 +11,8 @@ use super::csr::CsrFile;
 use super::durable::file_checksum;
 use super::npz::Npz;
 use super::{
-    Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowShares, RowSums, validate,
+    Error, FactorVec, Form, Manifest, Part, PartThinning, Passage, PatchTable, Result, RowErrors, RowShares, RowSums,
+    validate,
 };
 use hemicube_scene::InputPatch;
 use std::fs::File;
@@ -36,7 +37,7 @@ pub(super) const CUT_OFF: &str = "cut_off";
 pub(super) const RUN: &str = "run";
 
 /// Least bytes of the patch table for a patch.
-const PATCH_SIZE: u64 = 101;
+const PATCH_SIZE: u64 = 149;
 
 /// Checks that a file has passed, a bit each.
 mod found {
@@ -75,6 +76,10 @@ pub struct RowTable {
     pub row_sum: Vec<f64>,
     /// Expected √Σ (F − true F)², at accuracy levels that estimate it.
     pub error: Vec<f64>,
+    /// Standard error of `row_sum`, likewise.
+    pub sum_error: Vec<f64>,
+    /// Standard error of `escaped`, likewise.
+    pub escaped_error: Vec<f64>,
     /// Fraction of the hemicubes' weight that escaped.
     pub hemicube_escaped: Vec<f64>,
     /// Fraction on backs of one-sided patches.
@@ -102,6 +107,8 @@ impl RowTable {
             unselected: unknown(),
             row_sum: unknown(),
             error: unknown(),
+            sum_error: unknown(),
+            escaped_error: unknown(),
             hemicube_escaped: unknown(),
             hemicube_blocked: unknown(),
             hemicube_unselected: unknown(),
@@ -129,7 +136,9 @@ impl RowTable {
             let patch = patch as usize;
             let factors = part.row(row).1.iter();
             self.row_sum[patch] = factors.map(|factor| form.round(factor)).sum();
-            self.error[patch] = f64::from(part.errors[row]);
+            let errors = part.errors[row];
+            self.error[patch] = errors.norm.into();
+            (self.sum_error[patch], self.escaped_error[patch]) = (errors.sum.into(), errors.escaped.into());
             let seen = RowShares::of_hemicubes(&part.sums[row], part.hemicubes[row]);
             (self.hemicube_escaped[patch], self.hemicube_blocked[patch]) = (seen.escaped, seen.blocked);
             self.hemicube_unselected[patch] = seen.unselected;
@@ -587,11 +596,6 @@ impl Store {
             validate::column(name, &values, most).map_err(|reason| Error::malformed(&path, reason))?;
             Ok(values)
         };
-        let [escaped, blocked, unselected] = if self.manifest.has_shares() {
-            ["hemicube_escaped", "hemicube_blocked", "hemicube_unselected"]
-        } else {
-            ["escaped", "blocked", "unselected"]
-        };
         let [passed, cut_off] = if self.manifest.has_portals() {
             [column(PASSED, f64::MAX)?, column(CUT_OFF, 1.0)?]
         } else {
@@ -606,14 +610,16 @@ impl Store {
             passed,
             cut_off,
             handed_on,
-            hemicube_escaped: column(escaped, 1.0)?,
-            hemicube_blocked: column(blocked, 1.0)?,
-            hemicube_unselected: column(unselected, 1.0)?,
+            hemicube_escaped: column("hemicube_escaped", 1.0)?,
+            hemicube_blocked: column("hemicube_blocked", 1.0)?,
+            hemicube_unselected: column("hemicube_unselected", 1.0)?,
             escaped: column("escaped", 1.0)?,
             blocked: column("blocked", 1.0)?,
             unselected: column("unselected", 1.0)?,
             row_sum: column("row_sum", f64::MAX)?,
             error: column("error", f64::MAX)?,
+            sum_error: column("sum_error", f64::MAX)?,
+            escaped_error: column("escaped_error", f64::MAX)?,
         };
         validate::fractions(&[&table.escaped, &table.blocked, &table.unselected])
             .and_then(|()| {
@@ -816,7 +822,14 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
     let rows: Vec<u32> = npz.shaped("rows", &[count])?;
     let sums: Vec<u64> = npz.shaped("sums", &[count, 4])?;
     let hemicubes: Vec<u32> = npz.shaped("hemicubes", &[count])?;
-    let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.shaped("errors", &[count])?, npz.shaped("rays", &[count])?);
+    let (errors, rays): (Vec<f32>, Vec<u32>) = (npz.shaped("errors", &[count, 3])?, npz.shaped("rays", &[count])?);
+    let errors = errors
+        .as_chunks()
+        .0
+        .iter()
+        .copied()
+        .map(RowErrors::from_array)
+        .collect();
     if let Some(&row) = rows.iter().find(|&&row| row >= manifest.patch_count) {
         return Err(Error::malformed(path, validate::no_row(row)));
     }
@@ -841,19 +854,14 @@ pub(super) fn read_part(path: &Path, npz: &mut Npz, csr: &CsrFile, manifest: &Ma
             unselected: sums[3],
         })
         .collect();
-    let of_hemicubes = |(sums, &hemicubes)| RowShares::of_hemicubes(sums, hemicubes);
-    let shares: Vec<RowShares> = if manifest.has_shares() {
-        let shares: Vec<f64> = npz.shaped(SHARES, &[count, 3])?;
-        shares
-            .as_chunks()
-            .0
-            .iter()
-            .copied()
-            .map(RowShares::from_array)
-            .collect()
-    } else {
-        sums.iter().zip(&hemicubes).map(of_hemicubes).collect()
-    };
+    let shares: Vec<f64> = npz.shaped(SHARES, &[count, 3])?;
+    let shares = shares
+        .as_chunks()
+        .0
+        .iter()
+        .copied()
+        .map(RowShares::from_array)
+        .collect();
     let passages = if manifest.has_portals() {
         let (passed, cut_off): (Vec<f64>, Vec<f64>) = (npz.shaped(PASSED, &[count])?, npz.shaped(CUT_OFF, &[count])?);
         let both = passed.into_iter().zip(cut_off);

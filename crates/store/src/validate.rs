@@ -175,8 +175,8 @@ pub(super) fn part(part: &Part, row_count: usize, manifest: &Manifest, source: E
                 part.shares[row]
             ));
         }
-        let error = part.errors[row];
-        if !(error.is_nan() || error >= 0.0 && error.is_finite()) {
+        let is_error = |error: &f32| error.is_nan() || *error >= 0.0 && error.is_finite();
+        if let Some(error) = part.errors[row].to_array().iter().find(|error| !is_error(error)) {
             return Err(format!("has the expected error {error} in the row of patch {patch}"));
         }
         if let Some(passage) = part.passages.get(row).filter(|passage| !passage.is_valid()) {

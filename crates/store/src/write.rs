@@ -285,8 +285,8 @@ impl StoreWriter {
 
     fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
-        let wanted = 133 * u64::from(self.manifest.patch_count) + 4096;
-        let (columns, run, has_shares) = (&self.columns, self.run, self.manifest.has_shares());
+        let wanted = 149 * u64::from(self.manifest.patch_count) + 4096;
+        let (columns, run) = (&self.columns, self.run);
         let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let count = patches.len() as u64;
             npz.array(GEOMETRY[0], &[count], &patches.face)?;
@@ -296,7 +296,7 @@ impl StoreWriter {
             npz.array(GEOMETRY[4], &[count], &patches.area)?;
             npz.array(GEOMETRY[5], &[count, 3], patches.centroid.as_flattened())?;
             npz.array(GEOMETRY[6], &[count, 3], patches.normal.as_flattened())?;
-            columns.write(npz, has_shares)?;
+            columns.write(npz)?;
             npz.array(RUN, &[32], &run)
         })?;
         self.manifest.patches = Some(FileEntry {
@@ -321,8 +321,8 @@ impl StoreWriter {
             sources.push((name, header, elements, size));
         }
         let file = known.into_file();
-        let wanted = 133 * u64::from(self.manifest.patch_count) + 4096;
-        let (columns, run, has_shares) = (&self.columns, self.run, self.manifest.has_shares());
+        let wanted = 149 * u64::from(self.manifest.patch_count) + 4096;
+        let (columns, run) = (&self.columns, self.run);
         let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let mut buffer = vec![0; COPY];
             for (name, header, elements, size) in &sources {
@@ -340,7 +340,7 @@ impl StoreWriter {
                     }
                 }
             }
-            columns.write(npz, has_shares)?;
+            columns.write(npz)?;
             npz.array(RUN, &[32], &run)
         })?;
         self.manifest.patches = Some(FileEntry {
@@ -352,17 +352,15 @@ impl StoreWriter {
 }
 
 impl RowTable {
-    /// A table of the format's first version has the hemicubes' shares for both.
-    fn write<W: Write + io::Seek>(&self, npz: &mut NpzWriter<W>, has_shares: bool) -> io::Result<()> {
+    fn write<W: Write + io::Seek>(&self, npz: &mut NpzWriter<W>) -> io::Result<()> {
         let count = self.row_sum.len() as u64;
         npz.array("escaped", &[count], &self.escaped)?;
         npz.array("blocked", &[count], &self.blocked)?;
         npz.array("unselected", &[count], &self.unselected)?;
         npz.array("row_sum", &[count], &self.row_sum)?;
         npz.array("error", &[count], &self.error)?;
-        if !has_shares {
-            return Ok(());
-        }
+        npz.array("sum_error", &[count], &self.sum_error)?;
+        npz.array("escaped_error", &[count], &self.escaped_error)?;
         npz.array("hemicube_escaped", &[count], &self.hemicube_escaped)?;
         npz.array("hemicube_blocked", &[count], &self.hemicube_blocked)?;
         npz.array("hemicube_unselected", &[count], &self.hemicube_unselected)?;
@@ -538,7 +536,8 @@ fn encode(part: &Part, patch_count: u32, form: Form, run: &[u8; 32]) -> io::Resu
     let shares: Vec<[f64; 3]> = part.shares.iter().map(|shares| shares.to_array()).collect();
     npz.array(SHARES, &[rows, 3], shares.as_flattened())?;
     npz.array("hemicubes", &[rows], &part.hemicubes)?;
-    npz.array("errors", &[rows], &part.errors)?;
+    let errors: Vec<[f32; 3]> = part.errors.iter().map(|errors| errors.to_array()).collect();
+    npz.array("errors", &[rows, 3], errors.as_flattened())?;
     npz.array("rays", &[rows], &part.rays)?;
     if let Some(thinning) = &part.thinning {
         let numbers = thinning.numbers();

@@ -76,7 +76,7 @@ fn one_bit_of_one_number_is_another_hash() {
     let parts = computed();
     assert_eq!(hash(&parts), hash(&computed()));
     let mut other = parts.clone();
-    other[0].errors[0] = f32::from_bits(other[0].errors[0].to_bits() ^ 1);
+    other[0].errors[0].norm = f32::from_bits(other[0].errors[0].norm.to_bits() ^ 1);
     assert_ne!(hash(&parts), hash(&other));
     other = parts.clone();
     other[0].shares[0].blocked += f64::EPSILON;

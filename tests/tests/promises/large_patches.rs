@@ -156,6 +156,6 @@ fn a_row_cut_short_says_so() {
         summary.cut_short, parts[0].errors
     ));
     assert_eq!(summary.cut_short, 1, "of the ground there is always more to measure");
-    let expected = f64::from(parts[0].errors[0]);
+    let expected = f64::from(parts[0].errors[0].norm);
     assert!(expected > 0.0, "{expected}");
 }

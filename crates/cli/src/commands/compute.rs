@@ -238,8 +238,7 @@ impl Tally {
         self.rows += part.rows.len() as u64;
         self.entries += part.data.len() as u64;
         self.rays += part.rays.iter().map(|&rays| u64::from(rays)).sum::<u64>();
-        let estimated = part.errors.iter().filter(|error| !error.is_nan());
-        self.squared_error += estimated.map(|&error| f64::from(error).powi(2)).sum::<f64>();
+        self.squared_error += part.squared_error();
         self.squared_norm += part.data.iter().map(|factor| factor.powi(2)).sum::<f64>();
         for (row, (shares, &hemicubes)) in part.shares.iter().zip(&part.hemicubes).enumerate() {
             if hemicubes == 0 {

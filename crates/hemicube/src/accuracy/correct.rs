@@ -20,7 +20,7 @@ use crate::backend::{Hemicube, WHOLE};
 use crate::bvh::Tree;
 use crate::factor::PointFactors;
 use crate::row::RowView;
-use crate::store::{Part, RowShares, RowSums};
+use crate::store::{Part, RowErrors, RowShares, RowSums};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::spaces::Spaces;
 use hemicube_scene::InputPatch;
@@ -143,8 +143,8 @@ pub(crate) struct Converted {
     pub(crate) sums: RowSums,
     /// Non-visible shares, refined with the form factors.
     pub(crate) shares: RowShares,
-    /// Expected √Σ (F − true F)²; NaN at levels that do not estimate it.
-    pub(crate) error: f32,
+    /// Standard errors; NaN at levels that do not estimate them.
+    pub(crate) errors: RowErrors,
     /// Number of rays and points that fractions were measured with.
     pub(crate) rays: u64,
     /// Number of partly visible pairs, at levels that know.
@@ -276,7 +276,8 @@ impl Weights {
 /// Result of the level *tolerance*.
 #[derive(Clone, Copy, Debug)]
 struct Corrected {
-    error: f32,
+    /// Expected Σ (F − true F)².
+    squared_error: f64,
     rays: u64,
     partial: usize,
     cut_short: bool,
@@ -285,7 +286,7 @@ struct Corrected {
 impl Default for Corrected {
     fn default() -> Self {
         Self {
-            error: f32::NAN,
+            squared_error: f64::NAN,
             rays: 0,
             partial: 0,
             cut_short: false,
@@ -369,7 +370,6 @@ impl<'c> Converter<'c> {
             return Converted {
                 sums,
                 shares: weights.shares,
-                error: f32::NAN,
                 lost: weights.lost,
                 ..Converted::default()
             };
@@ -388,18 +388,21 @@ impl<'c> Converter<'c> {
         let factors = part.data.tail(start).sum();
         // Where each pair was measured, a row's error is known, and what is beyond it is the rays'.
         let measured = self.refiner.as_ref().is_some_and(Refiner::measures_each);
+        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+        let norm = corrected.squared_error.sqrt() as f32;
         let own = if measured {
-            crate::store::ERRORS * f64::from(corrected.error)
+            crate::store::ERRORS * f64::from(norm)
         } else {
             f64::INFINITY
         };
-        let shares = balance.refined_shares(factors, corrected.error, own);
+        let shares = balance.refined_shares(factors, norm, own);
+        let [sum, escaped] = balance.standard_errors(factors, corrected.squared_error, shares, measured);
         self.ray_shares = balance.found;
         self.met = balance.met;
         Converted {
             sums,
             shares,
-            error: corrected.error,
+            errors: RowErrors::from_array([norm, sum, escaped]),
             rays: corrected.rays,
             partial: corrected.partial as u64,
             is_odd: weights.is_inconsistent_with(factors),
@@ -463,10 +466,8 @@ impl<'c> Converter<'c> {
         let is_partial = |pair: &&Pair| pair.fraction > 0.0 && pair.fraction < 1.0;
         let partial = row.iter().filter(is_partial).count();
         refiner.pairs = row;
-        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-        let error = refined.squared_error.sqrt() as f32;
         Corrected {
-            error,
+            squared_error: refined.squared_error,
             rays: refined.rays + refined.points,
             partial,
             cut_short: refined.cut_short,
@@ -833,6 +834,31 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         self.sure_ray_shares(&emitter, factors).map_or(by_hemicubes, |found| {
             found.shares().refined_within(factors, own.min(ASKED * self.permitted))
         })
+    }
+
+    /// The standard errors of Σ F and of *escaped*, of a row with this sum, expected Σ (F − true F)² and these shares.
+    ///
+    /// Entries that err independently leave their sum the variance V = Σ Var F. Neighbours behind one edge err
+    /// together, and the sum is off by more. Rays, or else hemicubes, tell it as well: their difference from the row's,
+    /// where it is larger than √V, takes its place, unless each pair was measured by itself (`is_exact`). Rays of the
+    /// standard error e leave V e² / (V + e²). A share X of L = 1 − Σ F has the part X / L of that error, and that of
+    /// the rays that divide L. `scoreboard board` prints both beside what rows are off by.
+    fn standard_errors(&self, factors: f64, squared_error: f64, shares: RowShares, is_exact: bool) -> [f32; 2] {
+        let rays = self.cast().filter(RayShares::is_measurement);
+        let lost = rays.map_or(self.hemicubes, |rays| rays.shares()).lost();
+        let mut squared = squared_error;
+        if !is_exact {
+            squared = squared.max((1.0 - factors - lost).powi(2));
+            if let Some(noise) = rays.map(|rays| rays.error().powi(2)) {
+                squared *= noise / (squared + noise);
+            }
+        }
+        let lost = shares.lost();
+        let part = if lost > 0.0 { shares.escaped / lost } else { 0.0 };
+        let division = rays.map_or(0.0, |rays| rays.escaped_error());
+        let escaped = squared * part.powi(2) + division.powi(2);
+        #[allow(clippy::cast_possible_truncation, reason = "estimates")]
+        [squared, escaped].map(|squared| squared.sqrt() as f32)
     }
 }
 

@@ -80,6 +80,13 @@ impl RayShares {
         error(shares.to_array().into_iter().fold(0.0, largest), self.rays)
     }
 
+    /// The standard error of *escaped*, where the form factors tell the sum of all three.
+    pub(crate) fn escaped_error(&self) -> f64 {
+        let shares = self.shares();
+        let lost = shares.lost().max(f64::MIN_POSITIVE);
+        error(shares.escaped * (1.0 - shares.escaped / lost), self.rays)
+    }
+
     /// The standard error of the sum of all three.
     pub(crate) fn error(&self) -> f64 {
         let sum = self.shares().lost().min(1.0);

@@ -15,7 +15,7 @@
 
 use crate::Grouping;
 use crate::driver::plan::Plan;
-use crate::store::{Part, Passage, RowShares, RowSums, small_entries};
+use crate::store::{Part, Passage, RowErrors, RowShares, RowSums, small_entries};
 use hemicube_scene::InputPatch;
 
 /// Adds up the columns of elements' rows, one row after the other.
@@ -68,7 +68,7 @@ pub(super) struct OpenRow<'a> {
     whole_area: f64,
     shares: [f64; 3],
     passage: Passage,
-    error: f64,
+    errors: [f64; 3],
     sums: RowSums,
     hemicubes: u64,
     rays: u64,
@@ -92,7 +92,7 @@ impl<'a> OpenRow<'a> {
             whole_area: 0.0,
             shares: [0.0; 3],
             passage: Passage::default(),
-            error: 0.0,
+            errors: [0.0; 3],
             sums: RowSums::default(),
             hemicubes: 0,
             rays: 0,
@@ -132,7 +132,9 @@ impl<'a> OpenRow<'a> {
             self.passage.passed += area * passage.passed;
             self.passage.cut_off += area * passage.cut_off;
         }
-        self.error += area * f64::from(part.errors[row]);
+        for (sum, error) in self.errors.iter_mut().zip(part.errors[row].to_array()) {
+            *sum += area * f64::from(error);
+        }
         let of_row = &part.sums[row];
         self.sums.visible += of_row.visible;
         self.sums.escaped += of_row.escaped;
@@ -159,9 +161,10 @@ impl<'a> OpenRow<'a> {
             part.indices.push(patch.cast_signed());
             part.data.push((exchange / self.area).min(most));
         }
-        let mut error = crate::store::closure::narrow(self.error / self.area);
+        let errors = std::mem::take(&mut self.errors).map(|sum| crate::store::closure::narrow(sum / self.area));
+        let mut errors = RowErrors::from_array(errors);
         let keeping = self.plan.keeping(&self.portals);
-        let change = small_entries::keep(part, start, keeping, &mut error);
+        let change = small_entries::keep(part, start, keeping, &mut errors.norm);
         let is_known = self.hemicubes > 0;
         if !self.plan.portals.is_empty() {
             let Passage { passed, cut_off } = std::mem::take(&mut self.passage);
@@ -181,13 +184,13 @@ impl<'a> OpenRow<'a> {
         } else {
             RowShares::UNKNOWN
         });
-        part.errors.push(if is_known { error } else { f32::NAN });
+        part.errors.push(if is_known { errors } else { RowErrors::UNKNOWN });
         // More than fit are refused by the store: the weights then do not sum to the hemicubes'.
         part.hemicubes
             .push(u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX));
         part.rays
             .push(u32::try_from(std::mem::take(&mut self.rays)).unwrap_or(u32::MAX));
-        (self.area, self.error) = (0.0, 0.0);
+        self.area = 0.0;
         Some((std::mem::take(&mut self.whole_area), change))
     }
 }

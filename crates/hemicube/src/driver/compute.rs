@@ -587,7 +587,7 @@ impl<'a> WorkerBand<'a> {
                 data_start,
                 sums: &mut converted.sums,
                 shares: &mut converted.shares,
-                error: &mut converted.error,
+                errors: &mut converted.errors,
                 rays: &mut converted.rays,
             };
             let passage = extender.extend(draft, |patch| self.plan.selection.receives(patch), session, common);
@@ -598,7 +598,7 @@ impl<'a> WorkerBand<'a> {
             batch.pairs += part.data.len() as u64;
             self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
         } else if plan.keeping(&self.portals).changes() {
-            let change = small_entries::keep(part, start, plan.keeping(&self.portals), &mut converted.error);
+            let change = small_entries::keep(part, start, plan.keeping(&self.portals), &mut converted.errors.norm);
             if plan.min_factor > 0.0 {
                 batch.changes.push(change);
             }
@@ -611,7 +611,7 @@ impl<'a> WorkerBand<'a> {
         part.shares.push(converted.shares);
         part.hemicubes
             .push(u32::try_from(row.hemicubes.len()).unwrap_or(u32::MAX));
-        part.errors.push(converted.error);
+        part.errors.push(converted.errors);
         part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
         Ok(())
     }
@@ -1141,12 +1141,7 @@ impl<'a> Collector<'a> {
         }
         summary.parts += 1;
         summary.rays += part.rays.iter().map(|&r| u64::from(r)).sum::<u64>();
-        summary.squared_error += part
-            .errors
-            .iter()
-            .filter(|e| !e.is_nan())
-            .map(|&e| f64::from(e).powi(2))
-            .sum::<f64>();
+        summary.squared_error += part.squared_error();
         summary.squared_norm += part.data.iter().map(|factor| factor.powi(2)).sum::<f64>();
         summary.hemicubes += part.hemicubes.iter().map(|&h| u64::from(h)).sum::<u64>();
         for sums in &part.sums {

@@ -29,7 +29,7 @@ use crate::bvh::Tree;
 use crate::delta::DeltaTable;
 use crate::face::Items;
 use crate::factor::{FactorRule, exchange};
-use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowShares, RowSums};
+use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowErrors, RowShares, RowSums};
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -74,7 +74,7 @@ pub(crate) struct Draft<'r> {
     pub(crate) data_start: usize,
     pub(crate) sums: &'r mut RowSums,
     pub(crate) shares: &'r mut RowShares,
-    pub(crate) error: &'r mut f32,
+    pub(crate) errors: &'r mut RowErrors,
     pub(crate) rays: &'r mut u64,
 }
 
@@ -474,12 +474,10 @@ impl<'a> Extender<'a> {
         draft.shares.escaped += by_sky;
         draft.shares.blocked += by_backs;
         draft.shares.unselected += by_others + cut;
-        if !draft.error.is_nan() {
-            let squared = f64::from(*draft.error).powi(2) + brought.squared_error;
-            #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-            let error = squared.sqrt() as f32;
-            *draft.error = error;
-        }
+        // An error that is not known stays NaN. Errors of entries are taken to be independent, in sums as in the norm.
+        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+        let with_brought = |error: f32| (f64::from(error).powi(2) + brought.squared_error).sqrt() as f32;
+        *draft.errors = RowErrors::from_array(draft.errors.to_array().map(with_brought));
     }
 
     /// Writes the row with the columns of images added into the cell's.

@@ -7,7 +7,7 @@
 use crate::store::sample::{self, Random, Sample, doctor_manifest, doctor_part, files, sample};
 use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, balance};
 use hemicube::analysis::check::{Check, CheckOptions, check};
-use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowShares, RowSums, Store, StoreWriter};
+use hemicube::store::{Error, HEMICUBE_WEIGHT, Part, RowErrors, RowShares, RowSums, Store, StoreWriter};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -92,7 +92,7 @@ fn push_sums(part: &mut Part, patch: u32, escaped: u64, blocked: u64) {
     part.rows.push(patch);
     part.indptr.push(part.data.len() as i64);
     part.hemicubes.push(1);
-    part.errors.push(0.0);
+    part.errors.push(RowErrors::from_array([0.0; 3]));
     part.rays.push(0);
     part.sums.push(RowSums {
         visible: HEMICUBE_WEIGHT - escaped - blocked,

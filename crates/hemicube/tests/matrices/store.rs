@@ -442,7 +442,7 @@ fn a_manifest_that_claims_too_much_is_refused_without_allocating_it() {
         place
     };
     let cases: [(&str, &dyn Fn(&mut serde_json::Value)); 10] = [
-        ("version 3", &|manifest| manifest["version"] = 3.into()),
+        ("version 4", &|manifest| manifest["version"] = 4.into()),
         ("no manifest", &|manifest| manifest["format"] = "other".into()),
         ("cannot be", &|manifest| {
             manifest["patch_count"] = 4_294_967_295u32.into()
@@ -826,50 +826,4 @@ fn refined_shares_come_back_from_parts_table_and_a_run_that_goes_on() {
         }
     }
     assert!(moved > 20, "{moved} of 40 rows are refined");
-}
-
-#[test]
-fn a_store_of_the_first_version_has_the_shares_of_its_hemicubes() {
-    let directory = tempfile::tempdir().unwrap();
-    let sample = sample(20, 20, 10, 8);
-    sample.write(directory.path());
-    for part in &sample.parts {
-        let path = directory.path().join(format!("parts/part-{:05}.npz", part.index));
-        sample::remove_members(&path, &["shares"]);
-        sample::adopt(directory.path(), &path, Some(part.index));
-    }
-    let table = directory.path().join("patches.npz");
-    sample::remove_members(&table, &["hemicube_escaped", "hemicube_blocked", "hemicube_unselected"]);
-    sample::adopt(directory.path(), &table, None);
-    let refused = Store::open(directory.path()).unwrap().part(0).unwrap_err();
-    assert!(refused.to_string().contains("shares"), "{refused}");
-    // The format's name first, as a run that goes on looks for it.
-    let path = directory.path().join("manifest.json");
-    let mut manifest: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-    let fields = manifest.as_object_mut().unwrap();
-    fields.remove("blake3");
-    fields.remove("format");
-    fields["version"] = 1.into();
-    let text = serde_json::to_string_pretty(&manifest).unwrap();
-    let text = text.replacen("{\n", "{\n  \"format\": \"hemicube-store\",\n", 1);
-    let body = text.strip_suffix("\n}").unwrap();
-    let checksum = blake3::hash(body.as_bytes()).to_hex();
-    std::fs::write(&path, format!("{body},\n  \"blake3\": \"{checksum}\"\n}}\n")).unwrap();
-
-    let store = Store::open(directory.path()).unwrap();
-    for (place, part) in sample.parts.iter().enumerate() {
-        assert_eq!(
-            store.part(place).unwrap().as_ref(),
-            Some(part),
-            "sums of pixels: the same shares"
-        );
-    }
-    let rows = store.row_table().unwrap();
-    assert!(rows.escaped == rows.hemicube_escaped && rows.escaped.iter().any(|&share| share > 0.0));
-    let error =
-        StoreWriter::resume(directory.path(), sample.header, &sample.patches, None, 1, &mut |_| ()).unwrap_err();
-    assert!(
-        error.to_string().contains("format's version is 1, here it is 2"),
-        "{error}"
-    );
 }

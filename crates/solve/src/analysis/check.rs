@@ -30,8 +30,8 @@ use hemicube_scene::InputPatch;
 use hemicube_store::PatchKind;
 use hemicube_store::sky::{SkyCheck, check_sky, sky_beside};
 use hemicube_store::{
-    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares, RowSums,
-    RowTable, Store,
+    ERRORS, Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares,
+    RowSums, RowTable, Store,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -163,6 +163,44 @@ pub struct Reciprocity {
     pub bound: Option<f64>,
 }
 
+/// Standard errors of the rows' sums and shares, as the rows state them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct RowErrorsFound {
+    /// Of Σ F: 95 % of the rows have no more.
+    pub sum_95: f64,
+    /// The largest.
+    pub sum_max: f64,
+    /// Of the share that leaves the scene: 95 % of the rows have no more.
+    pub escaped_95: f64,
+    /// The largest.
+    pub escaped_max: f64,
+    /// Rows of which three standard errors of Σ F or of that share are more than the tolerance.
+    pub uncertain_rows: u64,
+    /// The patch of the row with the largest standard error of Σ F.
+    pub worst_patch: u32,
+}
+
+impl RowErrorsFound {
+    /// Summarises the rows that state their errors: patch, of Σ F, of the share that leaves. `None` if there are none.
+    fn of(mut rows: Vec<(u32, f32, f32)>, tolerance: f64) -> Option<Self> {
+        let is_uncertain = |&(_, sum, escaped): &(u32, f32, f32)| ERRORS * f64::from(sum.max(escaped)) > tolerance;
+        let uncertain_rows = rows.iter().filter(|row| is_uncertain(row)).count() as u64;
+        let at_95 = (95 * rows.len()).div_ceil(100).saturating_sub(1);
+        rows.sort_unstable_by(|p, q| p.2.total_cmp(&q.2));
+        let (escaped_95, escaped_max) = (rows.get(at_95)?.2, rows.last()?.2);
+        rows.sort_unstable_by(|p, q| p.1.total_cmp(&q.1).then(q.0.cmp(&p.0)));
+        let (sum_95, worst) = (rows.get(at_95)?.1, rows.last()?);
+        Some(Self {
+            sum_95: sum_95.into(),
+            sum_max: worst.1.into(),
+            escaped_95: escaped_95.into(),
+            escaped_max: escaped_max.into(),
+            uncertain_rows,
+            worst_patch: worst.0,
+        })
+    }
+}
+
 /// A row with its sum and shares.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WorstRow {
@@ -210,6 +248,9 @@ pub struct CheckReport {
     /// without a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<f64>,
+    /// Standard errors of the rows' sums and shares; absent without a tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub row_errors: Option<RowErrorsFound>,
     /// Entries of a row, over the rows.
     pub entries_per_row: EntriesPerRow,
     /// Weights over all rows.
@@ -453,6 +494,8 @@ struct Tally {
     closure_sum: f64,
     /// Σ e² of the rows' expected errors, and Σ F².
     squares: [f64; 2],
+    /// Patch, standard error of Σ F and of the share that leaves, of each row that states them.
+    row_errors: Vec<(u32, f32, f32)>,
     quality: Quality,
     worst: Vec<WorstRow>,
     /// The sides that rows look to; for triangles without portals.
@@ -495,6 +538,7 @@ impl Tally {
             },
             closure_sum: 0.0,
             squares: [0.0; 2],
+            row_errors: Vec::new(),
             quality: Quality::default(),
             worst: Vec::new(),
             sides: (store.manifest().patch_kind().is_triangle() && !store.manifest().has_portals())
@@ -525,8 +569,14 @@ impl Tally {
 
     fn part(&mut self, place: usize, part: &Part) {
         let mut of_part = Some(RowSums::default());
-        let known = part.errors.iter().filter(|error| !error.is_nan());
-        self.squares[0] += known.map(|&error| f64::from(error).powi(2)).sum::<f64>();
+        self.squares[0] += part.squared_error();
+        let stated = part
+            .rows
+            .iter()
+            .zip(&part.errors)
+            .filter(|(_, errors)| !errors.sum.is_nan());
+        self.row_errors
+            .extend(stated.map(|(&patch, errors)| (patch, errors.sum, errors.escaped)));
         self.squares[1] += part.data.iter().map(|factor| factor * factor).sum::<f64>();
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(row);
@@ -746,6 +796,7 @@ impl Tally {
             value_error: store.manifest().value_error,
             tolerance,
             expected_error: tolerance.and(Some((self.squares[0] / self.squares[1]).sqrt()).filter(|e| e.is_finite())),
+            row_errors: tolerance.and_then(|tolerance| RowErrorsFound::of(self.row_errors, tolerance)),
             entries_per_row: EntriesPerRow {
                 min: of_rows.first().copied().unwrap_or(0),
                 median: of_rows.get(of_rows.len().saturating_sub(1) / 2).copied().unwrap_or(0),
@@ -844,4 +895,26 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         rows,
         bound: None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_state_how_wrong_their_sums_may_be() {
+        assert_eq!(RowErrorsFound::of(Vec::new(), 0.01), None);
+        // 0.5 % may be off by 1.5 %: one row in forty, and its neighbour's share that leaves.
+        let mut rows: Vec<_> = (0..40u32).map(|patch| (patch, 1e-3, 2e-3)).collect();
+        rows[7] = (7, 5e-3, 1e-3);
+        rows[8] = (8, 1e-3, 4e-3);
+        let found = RowErrorsFound::of(rows, 0.01).expect("rows");
+        assert_eq!((found.uncertain_rows, found.worst_patch), (2, 7));
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+        assert!(near(found.sum_95, 1e-3) && near(found.sum_max, 5e-3), "{found:?}");
+        assert!(
+            near(found.escaped_95, 2e-3) && near(found.escaped_max, 4e-3),
+            "{found:?}"
+        );
+    }
 }

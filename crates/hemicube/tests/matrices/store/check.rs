@@ -2,7 +2,7 @@
 
 use super::sample::{self, Sample, doctor_manifest, doctor_part, sample};
 use hemicube::analysis::check::{Check, CheckOptions, CheckReport, check};
-use hemicube::store::{HEMICUBE_WEIGHT, Part, RowShares, Store};
+use hemicube::store::{HEMICUBE_WEIGHT, Part, RowErrors, RowShares, Store};
 use std::path::Path;
 
 fn report(directory: &Path, options: &CheckOptions) -> CheckReport {
@@ -282,7 +282,7 @@ fn pair(directory: &Path, forward: f32, backward: f32) {
     part.indices = vec![1, 0];
     part.data = vec![forward, backward].into();
     part.hemicubes = vec![1, 1];
-    part.errors = vec![0.0; 2];
+    part.errors = vec![RowErrors::from_array([0.0; 3]); 2];
     part.rays = vec![0; 2];
     for (sums, factor) in part.sums.iter_mut().zip([forward, backward]) {
         let visible = (f64::from(factor) * HEMICUBE_WEIGHT as f64) as u64;
@@ -370,7 +370,7 @@ fn a_patch_sees_itself_only_where_its_elements_lie_in_no_plane() {
             sums: vec![sums; 3],
             shares: vec![RowShares::of_hemicubes(&sums, count); 3],
             hemicubes: vec![count; 3],
-            errors: vec![f32::NAN; 3],
+            errors: vec![RowErrors::UNKNOWN; 3],
             rays: vec![0; 3],
             ..Part::default()
         }];

@@ -51,7 +51,7 @@ fn doctored_part(part: &mut Part, random: &mut Random) -> &'static str {
             "indptr"
         }
         _ => {
-            part.errors[row] = [-1.0, f32::INFINITY][random.below(2) as usize];
+            part.errors[row].sum = [-1.0, f32::INFINITY][random.below(2) as usize];
             "error"
         }
     }

@@ -3,8 +3,8 @@
 #![allow(dead_code, reason = "each test program uses its share")]
 
 use hemicube_store::{
-    BackendEntry, FactorVec, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store,
-    StoreWriter,
+    BackendEntry, FactorVec, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowErrors, RowShares, RowSums,
+    SceneEntry, Store, StoreWriter,
 };
 use npyz::WriterBuilder;
 use serde_json::json;
@@ -118,7 +118,9 @@ fn push_row(part: &mut Part, patch: u32, patch_count: u32, random: &mut Random) 
     part.shares
         .push(RowShares::of_hemicubes(&part.sums[part.sums.len() - 1], hemicubes));
     part.hemicubes.push(hemicubes);
-    part.errors.push(patch as f32 * 1e-3);
+    let error = patch as f32 * 1e-3;
+    part.errors
+        .push(RowErrors::from_array([error, 2.0 * error, 3.0 * error]));
     part.rays.push(16 * patch);
 }
 
@@ -289,6 +291,7 @@ pub(crate) fn doctor_part(directory: &Path, part: &Part) {
         .iter()
         .flat_map(|sums| [sums.visible, sums.escaped, sums.blocked, sums.unselected])
         .collect();
+    let errors: Vec<[f32; 3]> = part.errors.iter().map(|errors| errors.to_array()).collect();
     let shares: Vec<[f64; 3]> = part.shares.iter().map(|shares| shares.to_array()).collect();
     let (rows, entries) = (part.rows.len() as u64, part.data.len() as u64);
     replace_members(
@@ -307,7 +310,7 @@ pub(crate) fn doctor_part(directory: &Path, part: &Part) {
             ("sums", npy(&[rows, 4], &sums)),
             ("shares", npy(&[rows, 3], shares.as_flattened())),
             ("hemicubes", npy(&[rows], &part.hemicubes)),
-            ("errors", npy(&[rows], &part.errors)),
+            ("errors", npy(&[rows, 3], errors.as_flattened())),
             ("rays", npy(&[rows], &part.rays)),
         ],
         zip::CompressionMethod::Stored,
