@@ -11,7 +11,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{
-    Axis, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle,
+    Axis, Budget, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle,
 };
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
@@ -132,9 +132,9 @@ impl Scene {
 
     /// The patches of repaired triangles.
     fn cut(py: Python<'_>, input: SceneInput) -> PyResult<Self> {
-        let (cut, room) = (input.settings.subdivision, room::free_memory().unwrap_or(u64::MAX));
+        let cut = input.settings.subdivision;
         if Patches::count(&input, cut) <= u64::from(hemicube::store::PATCH_COUNT_MAX) {
-            room::require(&input, cut, Work::Fractions, room).map_err(|error| errors::no_room(&error))?;
+            room::require(&input, cut, Work::Fractions, Budget::default()).map_err(|error| errors::no_room(&error))?;
         }
         let model = py
             .detach(|| input.model(HierarchyOptions::default()))

@@ -499,7 +499,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let hierarchy = arguments.render.engine.hierarchy();
     let portals = arguments
         .portals
-        .portals(&mut prepared, hierarchy, tolerance, arguments.patches.memory)?;
+        .portals(&mut prepared, hierarchy, tolerance)?;
     let further = arguments
         .portals
         .of_further_bands(&portals, &prepared, tolerance, outputs.len())?;
@@ -948,14 +948,6 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };
-    // Reading the scene is over, but its peak exceeded the limit.
-    let peak = report::peak_memory_bytes().unwrap_or(0);
-    if peak > limit {
-        return Err(hinted(
-            anyhow!("`--memory` of {}: making it ready took {}", size(limit), size(peak)),
-            "give it more, or cut its triangles into fewer patches",
-        ));
-    }
     let Some(within) = forecast::threads_within(limit, resident, threads, rows) else {
         return Err(hinted(
             anyhow!(
