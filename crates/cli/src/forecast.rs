@@ -195,7 +195,10 @@ mod tests {
         let none = Meter::new(Budget::new(Some(0)));
         none.take(1, "rows");
         let refused = none.require("fewer rows").expect_err("nothing is allowed").to_string();
-        assert!(refused.starts_with("rows takes 67.1 MB, and `--memory` of 0.0 MB has 0.0 MB left"), "{refused}");
+        assert!(
+            refused.starts_with("rows takes 67.1 MB, and `--memory` of 0.0 MB has 0.0 MB left"),
+            "{refused}"
+        );
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::keywords::keywords;
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use glam::DVec3;
+use hemicube::diagnose::{DiagnoseOptions, doubles};
 use hemicube::driver::input::{SceneInput, SceneSettings};
 use hemicube::driver::room::{self, Work};
 use hemicube::driver::settings::axis_name;
@@ -127,7 +128,13 @@ impl Scene {
                 input.triangles_read, repaired.non_finite, repaired.degenerate
             )));
         }
-        Self::cut(py, input)
+        let mut scene = Self::cut(py, input)?;
+        let found = py.detach(|| doubles(&scene.model, &scene.input, DiagnoseOptions::default()));
+        for sentence in found.sentences() {
+            warn(py, &sentence)?;
+        }
+        scene.input.scene.ledger.join(found);
+        Ok(scene)
     }
 
     /// The patches of repaired triangles.

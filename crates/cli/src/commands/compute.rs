@@ -493,22 +493,16 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
         work => work,
     };
     let mut prepared = prepare(scene, &arguments.patches, &arguments.render, work)?;
-    // Of the scene alone: the images that portals add are its triangles once more.
-    let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
+    enclosure::note_doubles(&mut prepared, arguments.render.thread_count());
     let tolerance = arguments.render.tolerance().map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
-    let portals = arguments
-        .portals
-        .portals(&mut prepared, hierarchy, tolerance)?;
+    let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
     let further = arguments
         .portals
         .of_further_bands(&portals, &prepared, tolerance, outputs.len())?;
     drop(stage);
     prepared.tell(talk);
     tell_portals(&portals, talk);
-    if let Some(sentence) = &overlaps {
-        talk.warn(sentence);
-    }
     let sessions = Sessions {
         rows: backend,
         calibration: arguments.render.open_backend(Talk::SILENT)?,

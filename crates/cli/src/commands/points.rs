@@ -285,15 +285,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Some((store, _)) => stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into()),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
+    enclosure::note_doubles(&mut prepared, arguments.engine.thread_count());
     enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let hierarchy = arguments.engine.hierarchy();
     let portals = match &store {
         Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
-        None => {
-            arguments
-                .portals
-                .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?
-        }
+        None => arguments
+            .portals
+            .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
     };
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;

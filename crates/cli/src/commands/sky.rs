@@ -367,6 +367,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let mut prepared = prepare_scene(arguments, store.as_ref())?;
+    enclosure::note_doubles(&mut prepared, arguments.engine.thread_count());
     enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let images = match &store {
         Some(store) => stored::portals(store, &mut prepared, arguments.engine.hierarchy())?.images,
