@@ -4,7 +4,7 @@ use crate::args::Talk;
 use crate::escape::shown;
 use crate::prepare::Prepared;
 use crate::report::{count, counted, figures, percent};
-use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Part, Turn, Winding, enclosure, overlaps};
+use hemicube::diagnose::{DiagnoseOptions, Enclosure, Leak, Part, Turn, Winding, doubles, enclosure};
 use hemicube::driver::selection::matches_glob;
 use hemicube_scene::Axis;
 use std::collections::BTreeSet;
@@ -112,47 +112,15 @@ pub(crate) fn warn_of_winding(prepared: &Prepared, threads: usize, talk: Talk) {
     }
 }
 
-/// Least common area by the scene's that is told.
-const COMMON_AREA: f64 = 1e-4;
-
-/// The sentence on triangles that cover each other in one plane; `None` without any to speak of.
-pub(crate) fn of_overlaps(prepared: &Prepared, threads: usize) -> Option<String> {
+/// Adds what lies on other surfaces to the ledger. Call it before the images of portals are added: they are the scene's
+/// triangles once more.
+pub(crate) fn note_doubles(prepared: &mut Prepared, threads: usize) {
     let options = DiagnoseOptions {
         threads,
-        surfaces_max: SURFACES_MAX,
         ..DiagnoseOptions::default()
     };
-    let found = overlaps(&prepared.model, options)?;
-    let patches = &prepared.patches;
-    let whole: f64 = patches.iter().map(|patch| patches.area(patch)).sum();
-    let common = found.total.unwrap_or(0.0);
-    if common < COMMON_AREA * whole {
-        return None;
-    }
-    let first = found.examples.first()?;
-    let name = |patch: hemicube::InputPatch| {
-        let triangle = prepared.scene.triangles.get(patches.triangle(patch));
-        let object = triangle.and_then(|triangle| prepared.scene.objects.get(triangle.object as usize));
-        object
-            .filter(|name| !name.is_empty())
-            .map(|name| format!("`{}`", shown(name)))
-    };
-    let names: Vec<String> = std::iter::once(first.patch)
-        .chain(first.other)
-        .filter_map(name)
-        .collect();
-    let of = if names.is_empty() {
-        String::new()
-    } else {
-        format!(" of {}", names.join(" and "))
-    };
-    let [x, y, z] = first.at.to_array().map(figures);
-    Some(format!(
-        "triangles cover each other in one plane, {} of common area, {} of the scene's (the worst{of} at {x} {y} {z}): \
-         one hides the other; delete one of each, or `hemicube inspect` lists more",
-        figures(common),
-        percent(common / whole)
-    ))
+    let found = doubles(&prepared.model, &prepared.scene, options);
+    prepared.scene.scene.ledger.join(found);
 }
 
 /// The sentence on groups of surfaces that see only themselves.

@@ -14,10 +14,12 @@ use crate::exit::hinted;
 use crate::report::size;
 use anyhow::{Result, anyhow};
 use hemicube::driver::compute::Summary;
-use hemicube::driver::room;
 use hemicube::store::Form;
+use hemicube_scene::{Budget, NoRoom};
 use hemicube_spatial::whole;
 use std::path::Path;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes of each further thread of the CPU backend: buffers of pixels, lists, and the allocator's reserve.
 const SESSION: f64 = 12e6;
@@ -67,29 +69,85 @@ pub(crate) fn threads_within(limit: u64, resident: u64, threads: usize, rows: Ro
         .find(|&threads| memory(resident, threads, rows) <= limit)
 }
 
-/// The bytes allowed to a run: as asked, otherwise the machine's; in either case at most the process's limit. `None` if
-/// unknown.
-pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
-    match asked {
-        Some(asked) => Some(room::address_space().map_or(asked, |most| most.min(asked))),
-        None => room::free_memory(),
+/// Asks for memory before it is taken: `what` takes `bytes`, and `next` takes less.
+///
+/// # Errors
+/// When less is left ([`Budget`]).
+pub(crate) fn require(budget: Budget, bytes: u64, what: &str, next: &str) -> Result<()> {
+    budget
+        .require(bytes, what)
+        .map_err(|refused| hinted(anyhow!(refused), next))
+}
+
+/// Bytes asked for at a time.
+const PIECE: u64 = 1 << 26;
+
+/// Memory of what is kept while a run goes on, asked for in advance a piece at a time. Shared by threads.
+pub(crate) struct Meter {
+    budget: Budget,
+    taken: AtomicU64,
+    asked: AtomicU64,
+    refused: OnceLock<NoRoom>,
+}
+
+impl Meter {
+    /// Nothing is taken yet.
+    pub(crate) fn new(budget: Budget) -> Self {
+        Self {
+            budget,
+            taken: AtomicU64::new(0),
+            asked: AtomicU64::new(0),
+            refused: OnceLock::new(),
+        }
+    }
+
+    /// Counts bytes that are taken, and asks for the next piece where they reach the end of the last.
+    pub(crate) fn take(&self, bytes: u64, what: &str) {
+        let taken = bytes + self.taken.fetch_add(bytes, Ordering::Relaxed);
+        // Threads that come here at once each ask for a piece: more than is needed, never less.
+        if taken > self.asked.load(Ordering::Relaxed) {
+            self.asked.fetch_add(PIECE.max(bytes), Ordering::Relaxed);
+            if let Err(refused) = self.budget.require(PIECE.max(bytes), what) {
+                let _ = self.refused.set(refused);
+            }
+        }
+    }
+
+    /// Returns whether all could be taken.
+    pub(crate) fn fits(&self) -> bool {
+        self.refused.get().is_none()
+    }
+
+    /// Ends the run that could not take all; `next` takes less.
+    ///
+    /// # Errors
+    /// When it could not.
+    pub(crate) fn require(self, next: &str) -> Result<()> {
+        match self.refused.into_inner() {
+            Some(refused) => Err(hinted(anyhow!(refused), next)),
+            None => Ok(()),
+        }
     }
 }
 
-/// Refuses what would take more memory than there is, before it is taken: `what` takes `bytes`, and `next` takes less.
+/// Refuses a file that its disk has no room for, before what it holds is computed.
 ///
 /// # Errors
-/// When `asked`, or else the free memory of the machine and the process, is less.
-pub(crate) fn require(bytes: u64, asked: Option<u64>, what: &str, next: &str) -> Result<()> {
-    let Some(limit) = memory_limit(asked).filter(|&limit| limit < bytes) else {
-        return Ok(());
-    };
-    let of = if asked.is_some() {
-        format!("`--memory` is {}", size(limit))
-    } else {
-        format!("{} of memory are free", size(limit))
-    };
-    Err(hinted(anyhow!("{what} takes {}, and {of}", size(bytes)), next))
+/// When fewer than `bytes` are left there.
+pub(crate) fn require_disk(output: &Path, bytes: u64) -> Result<()> {
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match available(folder.unwrap_or(Path::new("."))) {
+        Some(left) if left < bytes => Err(hinted(
+            anyhow!(
+                "`{}` takes {} or more, and its disk has {} left",
+                output.display(),
+                size(bytes),
+                size(left)
+            ),
+            "make room, or choose another disk",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Bytes of rows on the disk, within some percent.
@@ -129,11 +187,18 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_with_both_sizes() {
-        let asked = |bytes| require(bytes, Some(1_000_000), "a picture", "`--size` makes a smaller one");
-        assert!(asked(1_000_000).is_ok());
-        let error = asked(2_000_000).expect_err("twice the limit").to_string();
-        assert_eq!(error, "a picture takes 2.00 MB, and `--memory` is 1.00 MB");
+    fn what_is_kept_is_asked_for_before_it_is_there() {
+        let meter = Meter::new(Budget::new(None));
+        (0..1000).for_each(|_| meter.take(1000, "rows"));
+        assert_eq!(meter.asked.load(Ordering::Relaxed), PIECE);
+        assert!(meter.fits() && meter.require("").is_ok());
+        let none = Meter::new(Budget::new(Some(0)));
+        none.take(1, "rows");
+        let refused = none.require("fewer rows").expect_err("nothing is allowed").to_string();
+        assert!(
+            refused.starts_with("rows takes 67.1 MB, and `--memory` of 0.0 MB has 0.0 MB left"),
+            "{refused}"
+        );
     }
 
     #[test]

@@ -94,6 +94,7 @@ fn of_scene(names: &[String], path: &Path, allow_large: bool, talk: Talk) -> Res
         ReadOptions {
             optics: true,
             allow_large,
+            ..ReadOptions::default()
         },
     )?;
     if !scene.materials.iter().map(|material| &material.name).eq(names) {

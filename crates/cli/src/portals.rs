@@ -1,6 +1,5 @@
 //! Portals of a run: mirrors and panes from a TOML file, planes of symmetry, sectors and periods from the command line.
 
-use crate::forecast;
 use crate::prepare::Prepared;
 use crate::toml_file;
 use anyhow::{Context, Result, anyhow, bail};
@@ -10,9 +9,6 @@ use hemicube::driver::glazing::{Glazing, laws_of_scene};
 use hemicube::portal::{ImageError, ImageSettings, Images, Period, Portals, Sector, Specular, Symmetry};
 use hemicube_scene::{Axis, ReadOptions};
 use std::path::{Path, PathBuf};
-
-/// Bytes of a surface of a cell's images with its tree: 9 GB for the most there may be.
-const IMAGE_BYTES: u64 = 1_070;
 
 /// Mirrors, panes, symmetry and periods
 #[derive(Args, Clone, Debug)]
@@ -147,12 +143,11 @@ impl PortalSettings {
         prepared: &mut Prepared,
         hierarchy: HierarchyOptions,
         tolerance: Option<f64>,
-        memory: Option<u64>,
     ) -> Result<Portals> {
         if let Some(path) = &self.specular {
             require_one_band(path)?;
         }
-        self.portals(prepared, hierarchy, tolerance, memory)
+        self.portals(prepared, hierarchy, tolerance)
     }
 
     /// The portals of a scene, whose model gets the images.
@@ -165,10 +160,9 @@ impl PortalSettings {
         prepared: &mut Prepared,
         hierarchy: HierarchyOptions,
         tolerance: Option<f64>,
-        memory: Option<u64>,
     ) -> Result<Portals> {
         let settings = ImageSettings {
-            surfaces_max: forecast::memory_limit(memory).map(|limit| limit / IMAGE_BYTES),
+            budget: prepared.budget,
             symmetry: self.symmetry.clone(),
             sector: self.sector,
             periods: self.periodic.clone(),
@@ -260,6 +254,7 @@ fn specular(path: &Path, prepared: &Prepared, bound: f64, band: usize) -> Result
         let options = ReadOptions {
             optics: true,
             allow_large: true,
+            budget: prepared.budget,
         };
         let read = hemicube_scene::load(Path::new(&prepared.input.path), options)?;
         // Mirrors that it may describe would be left out.

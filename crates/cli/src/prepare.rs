@@ -5,7 +5,6 @@ use crate::args::{
     UpAxis,
 };
 use crate::exit::hinted;
-use crate::forecast;
 use crate::report::{Input, counted, size};
 use anyhow::{Context, Result, anyhow};
 use hemicube::backend::HemicubeBackend;
@@ -16,7 +15,7 @@ use hemicube::{Grouping, HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, with_close};
 use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
-use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision, Triangle};
+use hemicube_scene::{Axis, Budget, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -30,6 +29,8 @@ pub(crate) struct Prepared {
     /// The patches of a matrix that are several of the scene's triangles; `None`: each is one.
     pub(crate) grouping: Option<Grouping>,
     pub(crate) input: Input,
+    /// What is taken for it, here and later.
+    pub(crate) budget: Budget,
     pub(crate) load_seconds: f64,
     pub(crate) build_seconds: f64,
 }
@@ -136,7 +137,11 @@ impl SceneSettings {
         }
     }
 
-    /// The settings as the library takes them.
+    /// The memory that the scene and what comes of it may take.
+    pub(crate) fn budget(&self) -> Budget {
+        Budget::new(self.memory)
+    }
+
     /// The settings of the scene by the library's names.
     pub(crate) fn given(&self) -> GivenSettings {
         GivenSettings {
@@ -309,6 +314,7 @@ pub(crate) fn prepare_of(
     let options = ReadOptions {
         optics: false,
         allow_large: settings.allow_large,
+        budget: settings.budget(),
     };
     let scene = hemicube_scene::load(path, options)?;
     let input = Input::of(path)?;
@@ -354,6 +360,7 @@ pub(crate) fn prepare_of(
         model,
         grouping: None,
         input,
+        budget: settings.budget(),
         load_seconds,
         build_seconds,
     }))
@@ -362,31 +369,23 @@ pub(crate) fn prepare_of(
 /// Refuses to cut a scene into more patches than fit the memory, and names the finest subdivision that fits.
 fn require_room(path: &Path, scene: &Scene, settings: &SceneSettings, work: Work) -> Result<()> {
     let cut = settings.subdivision();
-    let asked = settings.memory;
-    let Some(limit) = forecast::memory_limit(asked) else {
-        return Ok(());
-    };
     // More than a matrix can have: refused with another message.
     if Patches::count(scene, cut) > u64::from(hemicube::store::PATCH_COUNT_MAX) {
         return Ok(());
     }
-    let Err(refused) = room::require(scene, cut, work, limit) else {
+    let Err(refused) = room::require(scene, cut, work, settings.budget()) else {
         return Ok(());
     };
-    let of = if asked.is_some() {
-        format!("`--memory` of {}", size(limit))
-    } else {
-        format!("this machine has {} of memory", size(limit))
-    };
-    let takes = if refused.is_least {
-        format!("take {} or more", size(refused.bytes))
-    } else {
-        format!("may take {}", size(refused.bytes))
+    let room = &refused.room;
+    let of = match room.allowed {
+        Some(allowed) => format!("`--memory` of {}", size(allowed)),
+        None => format!("this machine has {} of memory", size(room.left)),
     };
     let error = anyhow!(
-        "{of}: `{}` would be {}, which {takes}",
+        "{of}: `{}` would be {}, which may take {}",
         path.display(),
         counted(refused.patch_count, "patch"),
+        size(room.bytes)
     );
     let finest = match refused.finest {
         Some(Subdivision::Levels(levels)) => Some(format!("--subdivide {levels}")),
@@ -395,7 +394,7 @@ fn require_room(path: &Path, scene: &Scene, settings: &SceneSettings, work: Work
         Some(Subdivision::None) | None => None,
     };
     // In whole megabytes, so that it does suffice.
-    let allows = format!("`--memory {}M` allows it", refused.bytes.div_ceil(1_000_000));
+    let allows = format!("`--memory {}M` allows it", room.megabytes());
     Err(hinted(
         error,
         match finest {

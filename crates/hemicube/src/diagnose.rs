@@ -22,7 +22,7 @@ pub use statistics::SceneStatistics;
 
 use crate::Model;
 use glam::DVec3;
-use hemicube_scene::{Axis, InputPatch};
+use hemicube_scene::{Axis, Fate, InputPatch, Kind, Ledger, Scene};
 use hemicube_spatial::whole;
 use serde::Serialize;
 
@@ -154,7 +154,7 @@ impl FindingKind {
                 ("of the area of the patches looked at", Unit::Fraction)
             }
             Self::Crossing => ("of crossing lines", Unit::Length),
-            Self::Overlap => ("of common area", Unit::Area),
+            Self::Overlap | Self::NearContact => ("of common area", Unit::Area),
             _ => return None,
         };
         Some(Measure { name, unit })
@@ -387,12 +387,60 @@ pub fn diagnose(model: &Model, options: DiagnoseOptions) -> Diagnosis {
     }
 }
 
-/// Triangles that cover each other in one plane, facing the same way: the smaller of each pair is hidden, or hides the
-/// other. Of large scenes a sample, as [`diagnose`] takes it.
-pub fn overlaps(model: &Model, options: DiagnoseOptions) -> Option<Finding> {
+/// Least common area by the scene's that is a loss: a choice. Below it no number of the scene's changes in four digits.
+const COMMON_AREA: f64 = 1e-4;
+
+/// What lies on other surfaces of the scene, as losses: triangles that cover each other in one plane, where the smaller
+/// of each pair is hidden or hides the other, and triangles that face each other with hardly a gap, which see little
+/// else. Exact doubles are the repair's. Of large scenes a sample, as [`diagnose`] takes it: numbers and areas are then
+/// estimates.
+pub fn doubles(model: &Model, scene: &Scene, options: DiagnoseOptions) -> Ledger {
     let order = sample::order(model, options.seed);
-    let found = contact::findings(model, &order, None, options);
-    found.into_iter().find(|finding| finding.kind == FindingKind::Overlap)
+    let patches = model.patches();
+    let area_of_all: f64 = patches.iter().map(|patch| patches.area(patch)).sum();
+    let mut ledger = Ledger::default();
+    for finding in contact::findings(model, &order, None, options) {
+        let (what, next) = match finding.kind {
+            FindingKind::Overlap => (
+                "pair of triangles that cover each other in one plane",
+                "one hides the other: delete one of each, or `hemicube inspect` lists more",
+            ),
+            FindingKind::NearContact => (
+                "pair of triangles that face each other with hardly a gap",
+                "they see little else: delete both where houses are joined, one where a face is there twice",
+            ),
+            _ => continue,
+        };
+        let (Some(area), Some(first)) = (finding.total, finding.examples.first()) else {
+            continue;
+        };
+        if area < COMMON_AREA * area_of_all {
+            continue;
+        }
+        let name = |patch: InputPatch| {
+            let triangle = scene.triangles.get(patches.triangle(patch))?;
+            let name = scene.objects.get(triangle.object as usize)?;
+            (!name.is_empty()).then(|| format!("`{name}`"))
+        };
+        let mut names: Vec<String> = std::iter::once(first.patch)
+            .chain(first.other)
+            .filter_map(name)
+            .collect();
+        names.dedup();
+        let place = || {
+            let [x, y, z] = first.at.to_array().map(|at| format!("{at:.4}"));
+            format!("{} at {x} {y} {z}", names.join(" and "))
+                .trim_start()
+                .to_owned()
+        };
+        let kind = Kind {
+            fate: Fate::Doubtful,
+            what,
+            next,
+        };
+        ledger.lose(kind, whole::to_u64(finding.estimate), Some(area), place);
+    }
+    ledger
 }
 
 /// The power of two that a model's coordinates were scaled by.

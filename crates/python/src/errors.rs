@@ -5,7 +5,7 @@ use hemicube::driver::compute::ComputeError;
 use hemicube::driver::input::InputError;
 use hemicube::driver::job::JobError;
 use hemicube::driver::level::LevelError;
-use hemicube::driver::room::NoRoom;
+use hemicube::driver::room::TooManyPatches;
 use hemicube::solve::SolveError;
 use hemicube::store::Error as StoreError;
 use hemicube_host::OpenError;
@@ -107,7 +107,7 @@ pub(crate) fn uncut(error: &InputError) -> PyErr {
 }
 
 /// More patches than there is memory for, with the keyword that fits.
-pub(crate) fn no_room(error: &NoRoom) -> PyErr {
+pub(crate) fn no_room(error: &TooManyPatches) -> PyErr {
     let step = match error.finest {
         Some(Subdivision::Levels(levels)) => format!("`subdivide={levels}` is the finest that surely fits"),
         Some(Subdivision::Split(pieces)) => format!("`split={pieces}` is the finest that surely fits"),

@@ -5,7 +5,7 @@ use crate::scene::Scene;
 use hemicube::driver::glazing::Glazing;
 use hemicube::portal::{ImageSettings, Images, Period, Portals, Sector, Specular, Symmetry};
 use hemicube::{HierarchyOptions, Model};
-use hemicube_scene::Axis;
+use hemicube_scene::{Axis, Budget};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use std::collections::BTreeMap;
@@ -116,7 +116,7 @@ impl Asked<'_, '_> {
             periods: periods.collect::<PyResult<_>>()?,
             repeats: self.repeats,
             bound: self.tolerance.unwrap_or(0.01) / 10.0,
-            surfaces_max: None,
+            budget: Budget::default(),
         })
     }
 

@@ -4,6 +4,7 @@ use crate::keywords::keywords;
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use glam::DVec3;
+use hemicube::diagnose::{DiagnoseOptions, doubles};
 use hemicube::driver::input::{SceneInput, SceneSettings};
 use hemicube::driver::room::{self, Work};
 use hemicube::driver::settings::axis_name;
@@ -11,7 +12,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_scene::generate::{Generate, generate};
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{
-    Axis, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle,
+    Axis, Budget, Fate, Kind, Loss, Material, Patches, ReadOptions, Scene as Triangles, Side, Subdivision, Triangle,
 };
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyUserWarning;
@@ -127,14 +128,20 @@ impl Scene {
                 input.triangles_read, repaired.non_finite, repaired.degenerate
             )));
         }
-        Self::cut(py, input)
+        let mut scene = Self::cut(py, input)?;
+        let found = py.detach(|| doubles(&scene.model, &scene.input, DiagnoseOptions::default()));
+        for sentence in found.sentences() {
+            warn(py, &sentence)?;
+        }
+        scene.input.scene.ledger.join(found);
+        Ok(scene)
     }
 
     /// The patches of repaired triangles.
     fn cut(py: Python<'_>, input: SceneInput) -> PyResult<Self> {
-        let (cut, room) = (input.settings.subdivision, room::free_memory().unwrap_or(u64::MAX));
+        let cut = input.settings.subdivision;
         if Patches::count(&input, cut) <= u64::from(hemicube::store::PATCH_COUNT_MAX) {
-            room::require(&input, cut, Work::Fractions, room).map_err(|error| errors::no_room(&error))?;
+            room::require(&input, cut, Work::Fractions, Budget::default()).map_err(|error| errors::no_room(&error))?;
         }
         let model = py
             .detach(|| input.model(HierarchyOptions::default()))

@@ -14,7 +14,8 @@
 //! - steps over copies that may have nothing: [`STEPS_A_COPY`] of the steps of cutting each
 //! - bytes from compressed ones: at most [`INFLATED_A_BYTE`] a byte, and always [`INFLATED`]
 //!
-//! [`ReadOptions::allow_large`](crate::ReadOptions::allow_large) lifts all but [`CORNERS_MAX`].
+//! [`ReadOptions::allow_large`](crate::ReadOptions::allow_large) lifts all but [`CORNERS_MAX`]. Triangles and bytes are
+//! held against the memory, too ([`Budget`](crate::Budget)): `room` is what was left when the file had been read.
 
 use crate::{Error, ErrorKind, ReadOptions};
 
@@ -27,6 +28,15 @@ use crate::{Error, ErrorKind, ReadOptions};
     feature = "_buildings"
 ))]
 const TRIANGLES: u64 = 1_000_000;
+/// Bytes of a triangle, in a list that doubles when it is full.
+#[cfg(any(
+    feature = "gltf",
+    feature = "vs3",
+    feature = "cityjson",
+    feature = "abaqus",
+    feature = "_buildings"
+))]
+const TRIANGLE: u64 = 2 * size_of::<crate::Triangle>() as u64;
 /// Bytes of copies allowed to any file.
 #[cfg(any(feature = "abaqus", feature = "vtk"))]
 const COPIED: u64 = 1 << 28;
@@ -63,6 +73,8 @@ const CORNERS_A_STEP: u64 = 8;
 pub(crate) struct Bounds {
     bytes: u64,
     allow_large: bool,
+    /// Bytes of memory that are left.
+    room: u64,
     #[cfg(any(feature = "abaqus", feature = "vtk"))]
     copied: u64,
     #[cfg(any(feature = "_polygons", feature = "vs3"))]
@@ -75,6 +87,7 @@ impl Bounds {
         Self {
             bytes: bytes as u64,
             allow_large: options.allow_large,
+            room: options.budget.left().unwrap_or(u64::MAX),
             #[cfg(any(feature = "abaqus", feature = "vtk"))]
             copied: 0,
             #[cfg(any(feature = "_polygons", feature = "vs3"))]
@@ -93,6 +106,7 @@ impl Bounds {
     pub(crate) fn triangles(&self, count: u64, others: u64) -> Result<(), Error> {
         let bytes = self.bytes.saturating_add(others);
         let most = TRIANGLES.max(bytes);
+        self.fits(count.saturating_mul(TRIANGLE), "triangles by copies")?;
         if self.allow_large || count <= most {
             return Ok(());
         }
@@ -107,6 +121,7 @@ impl Bounds {
     pub(crate) fn copied(&mut self, bytes: u64) -> Result<(), Error> {
         self.copied = self.copied.saturating_add(bytes);
         let most = COPIED.max(COPIED_A_BYTE.saturating_mul(self.bytes));
+        self.fits(self.copied, "copies")?;
         if self.allow_large || self.copied <= most {
             return Ok(());
         }
@@ -121,6 +136,7 @@ impl Bounds {
     #[cfg(feature = "vtk")]
     pub(crate) fn inflated(&self, bytes: u64) -> Result<(), Error> {
         let most = INFLATED.max(INFLATED_A_BYTE.saturating_mul(self.bytes));
+        self.fits(bytes, "what is compressed")?;
         if self.allow_large || bytes <= most {
             return Ok(());
         }
@@ -128,6 +144,27 @@ impl Bounds {
             "has compressed arrays of {bytes} bytes or more, and a file of {} bytes may hold {most}; save it \
              uncompressed, or allow it (`--allow-large`)",
             self.bytes
+        )))
+    }
+
+    /// Refuses what the memory has no room for.
+    #[cfg(any(
+        feature = "gltf",
+        feature = "vs3",
+        feature = "cityjson",
+        feature = "abaqus",
+        feature = "vtk",
+        feature = "_buildings"
+    ))]
+    fn fits(&self, bytes: u64, what: &str) -> Result<(), Error> {
+        if bytes <= self.room {
+            return Ok(());
+        }
+        Err(too_large(format!(
+            "{what} would take {} MB or more, and {} MB of memory are left; place fewer copies, or allow more \
+             (`--memory`)",
+            bytes / 1_000_000,
+            self.room / 1_000_000
         )))
     }
 

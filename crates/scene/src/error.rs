@@ -1,5 +1,6 @@
 //! The one error type of this crate: file and line first, then the reason, then the next step.
 
+use crate::NoRoom;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -67,6 +68,13 @@ impl Error {
     pub fn in_file(mut self, path: &Path) -> Self {
         self.path.get_or_insert_with(|| path.to_owned());
         self
+    }
+}
+
+impl From<NoRoom> for Error {
+    fn from(refused: NoRoom) -> Self {
+        let message = format!("{refused}; `--memory {}M` allows it", refused.megabytes());
+        Self::new(ErrorKind::TooLarge(message))
     }
 }
 

@@ -37,11 +37,12 @@ use std::path::Path;
 type Read = fn(&[u8], Option<&Path>, ReadOptions) -> Result<Scene, Error>;
 
 /// Makes [`Format`] and [`scene_formats!`](crate::scene_formats) of the table of formats: variant, name, extensions,
-/// feature and module of the reader.
+/// feature and module of the reader, and bytes of memory for each byte of a file while it is read. Measured on files of
+/// 20,000 to 200,000 triangles that have little else, and rounded up; names and comments take less.
 macro_rules! formats {
     ($(
         $(#[$doc:meta])*
-        $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident;
+        $format:ident, $name:literal, [$($extension:literal),+], $feature:literal, $module:ident, $memory:literal;
     )+) => {
         /// The formats and their extensions as a literal, one a line of a Markdown list, for documentation. Includes
         /// readers that are not compiled in.
@@ -81,6 +82,13 @@ macro_rules! formats {
                 }
             }
 
+            /// Bytes of memory for each byte of a file while it is read.
+            fn memory(self) -> u64 {
+                match self {
+                    $(Self::$format => $memory,)+
+                }
+            }
+
             /// The reader; `None` where it is not compiled in.
             fn reader(self) -> Option<Read> {
                 match self {
@@ -98,29 +106,29 @@ macro_rules! formats {
 
 formats! {
     /// Wavefront OBJ, `.obj`.
-    Obj, "Wavefront OBJ", ["obj"], "obj", obj;
+    Obj, "Wavefront OBJ", ["obj"], "obj", obj, 6;
     /// glTF 2.0, `.gltf` or `.glb`.
-    Gltf, "glTF 2.0", ["gltf", "glb"], "gltf", gltf;
+    Gltf, "glTF 2.0", ["gltf", "glb"], "gltf", gltf, 7;
     /// AC3D, `.ac` or `.acc`.
-    Ac3d, "AC3D", ["ac", "acc"], "ac3d", ac3d;
+    Ac3d, "AC3D", ["ac", "acc"], "ac3d", ac3d, 4;
     /// STL, `.stl`.
-    Stl, "STL", ["stl"], "stl", stl;
+    Stl, "STL", ["stl"], "stl", stl, 3;
     /// PLY, `.ply`.
-    Ply, "PLY", ["ply"], "ply", ply;
+    Ply, "PLY", ["ply"], "ply", ply, 12;
     /// View3D, `.vs3`.
-    Vs3, "View3D", ["vs3"], "vs3", vs3;
+    Vs3, "View3D", ["vs3"], "vs3", vs3, 15;
     /// CityJSON, `.json` or `.cityjson`, or a sequence of features, `.jsonl`.
-    CityJson, "CityJSON", ["json", "cityjson", "jsonl"], "cityjson", cityjson;
+    CityJson, "CityJSON", ["json", "cityjson", "jsonl"], "cityjson", cityjson, 18;
     /// Gmsh, `.msh`.
-    Gmsh, "Gmsh", ["msh"], "gmsh", gmsh;
+    Gmsh, "Gmsh", ["msh"], "gmsh", gmsh, 6;
     /// VTK, `.vtu`, `.vtp` or `.vtk`.
-    Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk;
+    Vtk, "VTK", ["vtu", "vtp", "vtk"], "vtk", vtk, 9;
     /// Abaqus and CalculiX, `.inp`.
-    Abaqus, "Abaqus, CalculiX", ["inp"], "abaqus", abaqus;
+    Abaqus, "Abaqus, CalculiX", ["inp"], "abaqus", abaqus, 7;
     /// EnergyPlus, `.idf` or `.epJSON`.
-    EnergyPlus, "EnergyPlus", ["idf", "epjson"], "energyplus", energyplus;
+    EnergyPlus, "EnergyPlus", ["idf", "epjson"], "energyplus", energyplus, 8;
     /// Green Building XML, `.gbxml` or `.xml`.
-    GbXml, "gbXML", ["gbxml", "xml"], "gbxml", gbxml;
+    GbXml, "gbXML", ["gbxml", "xml"], "gbxml", gbxml, 6;
 }
 
 impl Format {
@@ -258,6 +266,12 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
         ))
         .in_file(path)
     })?;
+    // What cannot be asked for its size cannot be read, and says why there.
+    let length = std::fs::metadata(path).map_or(0, |file| file.len());
+    options
+        .budget
+        .require(length.saturating_mul(format.memory()), "reading it")
+        .map_err(|refused| Error::from(refused).in_file(path))?;
     let bytes = crate::read_regular(path).map_err(|e| Error::new(ErrorKind::Io(e)).in_file(path))?;
     let scene = read(&bytes, path.parent(), options);
     let scene = scene.map_err(|e| e.in_file(path))?;

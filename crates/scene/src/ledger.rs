@@ -220,6 +220,19 @@ impl Ledger {
         }
     }
 
+    /// Adds the entries of another ledger on the same scene.
+    pub fn join(&mut self, other: Self) {
+        for (what, loss) in other.entries {
+            let kind = Kind {
+                fate: loss.fate,
+                what: &what,
+                next: loss.next.as_deref().unwrap_or_default(),
+            };
+            self.add(kind, loss.count, loss.area, || loss.first);
+        }
+        self.warnings.extend(other.warnings);
+    }
+
     /// The losses: what front ends warn of.
     pub fn losses(&self) -> impl Iterator<Item = (&str, &Loss)> {
         let losses = self.entries.iter().filter(|(_, loss)| loss.is_loss());

@@ -12,6 +12,7 @@
 
 #[cfg(feature = "_readers")]
 mod bounds;
+mod budget;
 #[cfg(any(feature = "gmsh", feature = "vtk"))]
 mod cursor;
 mod error;
@@ -46,6 +47,7 @@ pub mod text;
 pub mod up;
 pub mod write;
 
+pub use budget::{Budget, NoRoom};
 pub use error::{Error, ErrorKind};
 pub use folder::files;
 pub use formats::*;
@@ -170,7 +172,7 @@ pub fn is_unseen(c: char) -> bool {
     c.is_control() || turns
 }
 
-/// Options of reading: optical properties, and the size of the result.
+/// Options of reading: optical properties, and what the result may take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Read diffuse reflectance and emission of materials, from material libraries, too.
@@ -178,4 +180,6 @@ pub struct ReadOptions {
     /// Read scenes that grow beyond their file's size. By default a file may become one triangle a byte, a million in
     /// any case, and polygons with holes may have 16,384 corners. A small file may then take all memory.
     pub allow_large: bool,
+    /// Memory that the file, what its copies hold and its triangles may take.
+    pub budget: Budget,
 }

@@ -303,6 +303,49 @@ fn what_a_solver_lacks_is_said_with_the_next_step() {
         .says(&["`--zone` has no meaning"]);
     place.line("export B --for fluent -o f.s2s").is(2).says(&["calculix"]);
 
+    // Joined houses: what lies against the other's wall keeps its number, and no sky is seen of it.
+    let mut joined = "solid city\n".to_owned();
+    let mut facet = |corners: [[f64; 3]; 3]| {
+        joined += "facet normal 0 0 0\nouter loop\n";
+        corners.iter().for_each(|[x, y, z]| {
+            let _ = writeln!(joined, "vertex {x} {y} {z}");
+        });
+        joined += "endloop\nendfacet\n";
+    };
+    let mut quad = |[a, b, c, d]: [[f64; 3]; 4]| {
+        facet([a, b, c]);
+        facet([a, c, d]);
+    };
+    for x in [0.0, 1.0] {
+        let at = |u: f64, v: f64, w: f64| [x + u, v, w];
+        quad([at(0., 0., 1.), at(1., 0., 1.), at(1., 1., 1.), at(0., 1., 1.)]);
+        quad([at(0., 0., 0.), at(1., 0., 0.), at(1., 0., 1.), at(0., 0., 1.)]);
+        quad([at(1., 1., 0.), at(0., 1., 0.), at(0., 1., 1.), at(1., 1., 1.)]);
+        quad([at(1., 0., 0.), at(1., 1., 0.), at(1., 1., 1.), at(1., 0., 1.)]);
+        quad([at(0., 1., 0.), at(0., 0., 0.), at(0., 0., 1.), at(0., 1., 1.)]);
+    }
+    let ground = |x: f64, y: f64, to: [f64; 2]| [[x, y, 0.], [to[0], y, 0.], [to[0], to[1], 0.], [x, to[1], 0.]];
+    quad(ground(-3., -3., [5., 0.]));
+    quad(ground(-3., 1., [5., 4.]));
+    quad(ground(-3., 0., [0., 1.]));
+    quad(ground(2., 0., [5., 1.]));
+    place.write("joined.stl", joined + "endsolid city\n");
+    place.line("compute joined.stl -o J --tolerance 0.5% --quiet").is(0);
+    place.line("balance J -o JB --closure --quiet").is(0);
+    place
+        .line("export JB --for udales -o vfsparse.inp.002")
+        .is(0)
+        .says(&["nothing but backs", "touch: 4, the first face `6`"]);
+    let (found, sky, _) = udales(&text(&place, "vfsparse.inp.002"), &text(&place, "svf.inp.002"));
+    for (facet, (row, sky)) in found.iter().zip(&sky).enumerate() {
+        let sum = row.iter().sum::<f64>() + sky;
+        let is_covered = [6, 7, 18, 19].contains(&facet);
+        assert!(
+            (sum - if is_covered { 0.0 } else { 1.0 }).abs() < 1e-3,
+            "facet {facet}: {sum}"
+        );
+    }
+
     // A hole in the ceiling: rows cannot sum to 1.
     let open = room().replacen("f 7 12 11 8\n", "", 1);
     place.write("open.obj", open);

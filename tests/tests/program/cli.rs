@@ -691,7 +691,7 @@ fn settings_that_do_nothing_are_refused() {
     place.variables = vec![("HEMICUBE_MEMORY".into(), "2M".into())];
     place
         .line("compute room.obj -o n --subdivide 8")
-        .fails_with(&["`--memory` of 2.00 MB", "may take"]);
+        .fails_with(&["`--memory` of 2.0 MB", "allows it"]);
 }
 
 #[test]

@@ -346,6 +346,8 @@ fn what_is_no_regular_file_is_refused_at_once() {
             "sky room.obj --up z -o x5 --suns zero.toml",
             "view model e room.obj -o x.png --overwrite",
             "view model g room.obj -o x.png --overwrite",
+            "view3d s.vs3 x.vf",
+            "view3d /dev/zero x.vf",
         ]
         .map(str::to_owned),
     );
@@ -561,6 +563,71 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
             "{COMPUTE} {named} --rows 0..16 --threads 1 --memory 100M -o n"
         ))
         .is(0);
+}
+
+/// Readers, images, pictures, sky and tables ask one budget, whatever the command.
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_is_asked_for_before_it_is_taken() {
+    let place = Place::new();
+    place.line("generate soup --patches 60000 -o soup.obj -q").is(0);
+    place.write("points.txt", "0 0 1 0 0 1\n");
+    for command in [
+        "compute soup.obj -o n",
+        "inspect soup.obj",
+        "tradeoff soup.obj",
+        "sky soup.obj --up z -o n",
+        "points soup.obj --up z --points points.txt",
+        "view hemicube soup.obj --patch 0 -o n.png",
+    ] {
+        let ran = at_once(&place, &format!("{command} --memory 40M")).is(2);
+        ran.says(&["soup.obj: reading it takes 4", "`--memory` of 40.0 MB", "allows it"]);
+        // It is read, and its patches take more.
+        let ran = at_once(&place, &format!("{command} --memory 90M")).is(2);
+        ran.says(&["`--memory` of 90.0 MB: `soup.obj` would be 60,0", "allows it"]);
+    }
+    // What the error names is enough.
+    let ran = place
+        .line(&format!("{COMPUTE} -o n --memory 14M").replace("room", "soup"))
+        .is(2);
+    let named = ran
+        .err
+        .split('`')
+        .find(|part| part.starts_with("--memory ") && part.ends_with('M'));
+    let named = named.expect("the memory that allows it").to_owned();
+    assert!(
+        !at_once(&place, &format!("inspect soup.obj {named}"))
+            .err
+            .contains("reading it")
+    );
+
+    place.line("generate room --patches 40 -o room.obj -q").is(0);
+    place
+        .line("compute room.obj -o n --symmetry x=0 --periodic y=100 --repeats 1000 --memory 60M")
+        .is(2)
+        .says(&["images of", "takes", "give fewer repeats"]);
+    place.write("suns.txt", "0 0 1\n".repeat(300_000));
+    place
+        .line("sky room.obj --up y -o n --suns suns.txt --memory 90M")
+        .is(2)
+        .says(&["of the sky takes", "fewer suns"]);
+    // Where nothing is said, the limit of addresses holds.
+    place.line(&format!("{COMPUTE} -o m")).is(0);
+    place.write("mat.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
+    place.line("solve m --materials mat.toml -q").is(0);
+    let script = "ulimit -v 500000; exec \"$0\" view model m room.obj --size 4096x4096 -o n.png";
+    let mut command = Command::new("bash");
+    command.args(["-c", script]).arg(program()).current_dir(place.path("."));
+    let ran = Ran::from(command.output().expect("bash runs")).is(2);
+    ran.says(&[
+        "a picture of this size takes",
+        "of memory are free",
+        "`--size` makes a smaller one",
+    ]);
+    assert!(
+        !place.path("n").exists() && !place.path("n.png").exists(),
+        "nothing is left of it"
+    );
 }
 
 /// Files of kilobytes that would take gigabytes or minutes are refused by what they say, in seconds and little memory.

@@ -812,6 +812,47 @@ fn partial_overlap_in_a_plane_is_a_warning_of_compute() {
 }
 
 #[test]
+fn surfaces_that_nearly_lie_on_each_other_are_doubles_with_a_name() {
+    let place = Place::new();
+    place.write("points.txt", "0.5 0.5 0.5 0 0 1\n");
+    // The same way round they hide each other; the other way round they see little else.
+    for (gap, order, says) in [
+        (1e-7, "-4 -3 -2 -1", "cover each other in one plane"),
+        (1e-5, "-4 -3 -2 -1", "cover each other in one plane"),
+        (1e-7, "-1 -2 -3 -4", "face each other with hardly a gap"),
+        (1e-5, "-1 -2 -3 -4", "face each other with hardly a gap"),
+    ] {
+        let again = CORNERS[..4]
+            .iter()
+            .fold(String::new(), |text, [x, y, _]| text + &format!("v {x} {y} {gap}\n"));
+        place.write("cube.obj", obj() + "o again\n" + &again + "f " + order + "\n");
+        let words = [says, "area", "`again`"];
+        compute(&place, "cube.obj").says(&words);
+        // The matrix keeps it, and its judge repeats it.
+        let checked = place.line("check m");
+        assert!(
+            (checked.out.clone() + &checked.err).contains(says),
+            "{gap} {order}: {} {}",
+            checked.out,
+            checked.err
+        );
+        place.line("sky cube.obj --up z -o sky --overwrite").says(&words);
+        place.line("points cube.obj --up z --points points.txt").says(&words);
+    }
+    // A plate of a thousandth is a plate.
+    let plate = CORNERS[..4]
+        .iter()
+        .fold(String::new(), |text, [x, y, _]| text + &format!("v {x} {y} 0.001\n"));
+    place.write("cube.obj", obj() + "o again\n" + &plate + "f -4 -3 -2 -1\n");
+    let ran = compute(&place, "cube.obj");
+    assert!(
+        !ran.err.contains("cover each other") && !ran.err.contains("hardly a gap"),
+        "{}",
+        ran.err
+    );
+}
+
+#[test]
 fn a_city_wound_inside_out_is_told_of_under_the_sky() {
     let place = Place::new();
     let mut text = "v -50 -50 0\nv 50 -50 0\nv 50 50 0\nv -50 50 0\no ground\nf 1 2 3 4\n".to_owned();
@@ -843,6 +884,12 @@ fn a_city_wound_inside_out_is_told_of_under_the_sky() {
         .says(&["face inwards", "--flip"]);
     place
         .line("points city.obj --points points.txt --up z")
+        .says(&["face inwards", "--flip"]);
+    // A matrix that says so itself, and what is solved of it.
+    compute(&place, "city.obj");
+    place.write("m.toml", "[default]\nreflectance = 0.3\nemission = 1\n");
+    place
+        .line("solve m --scene city.obj --materials m.toml")
         .says(&["face inwards", "--flip"]);
 }
 

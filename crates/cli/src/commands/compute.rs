@@ -492,22 +492,16 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
         work => work,
     };
     let mut prepared = prepare(scene, &arguments.patches, &arguments.render, work)?;
-    // Of the scene alone: the images that portals add are its triangles once more.
-    let overlaps = enclosure::of_overlaps(&prepared, arguments.render.thread_count());
+    enclosure::note_doubles(&mut prepared, arguments.render.thread_count());
     let tolerance = arguments.render.tolerance().map(|tolerance| tolerance.0);
     let hierarchy = arguments.render.engine.hierarchy();
-    let portals = arguments
-        .portals
-        .portals(&mut prepared, hierarchy, tolerance, arguments.patches.memory)?;
+    let portals = arguments.portals.portals(&mut prepared, hierarchy, tolerance)?;
     let further = arguments
         .portals
         .of_further_bands(&portals, &prepared, tolerance, outputs.len())?;
     drop(stage);
     prepared.tell(talk);
     tell_portals(&portals, talk);
-    if let Some(sentence) = &overlaps {
-        talk.warn(sentence);
-    }
     let sessions = Sessions {
         rows: backend,
         calibration: arguments.render.open_backend(Talk::SILENT)?,
@@ -947,14 +941,6 @@ fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> 
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };
-    // Reading the scene is over, but its peak exceeded the limit.
-    let peak = report::peak_memory_bytes().unwrap_or(0);
-    if peak > limit {
-        return Err(hinted(
-            anyhow!("`--memory` of {}: making it ready took {}", size(limit), size(peak)),
-            "give it more, or cut its triangles into fewer patches",
-        ));
-    }
     let Some(within) = forecast::threads_within(limit, resident, threads, rows) else {
         return Err(hinted(
             anyhow!(

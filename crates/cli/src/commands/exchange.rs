@@ -17,6 +17,7 @@ use hemicube::analysis::exchange::{Exchange, Network};
 use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::{Enclosures, Properties, Reading, SolveError, enclosures};
 use hemicube::store::Store;
+use hemicube_scene::Budget;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -149,7 +150,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         counted(surfaces, "surface"),
         counted(bands.len() as u64, "band")
     );
-    forecast::require(bytes, None, &what, next)?;
+    forecast::require(Budget::default(), bytes, &what, next)?;
     let bar = Bar::spinner(talk, "solving");
     let guard = exit::InterruptGuard::new();
     let found = Exchange::new(

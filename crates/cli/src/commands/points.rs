@@ -8,6 +8,7 @@ mod sensors;
 use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
+use crate::forecast::{self, Meter};
 use crate::help::{examples, scene_help};
 use crate::outputs::Paths;
 use crate::portals::PortalSettings;
@@ -284,15 +285,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Some((store, _)) => stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into()),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
+    enclosure::note_doubles(&mut prepared, arguments.engine.thread_count());
     enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let hierarchy = arguments.engine.hierarchy();
     let portals = match &store {
         Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
-        None => {
-            arguments
-                .portals
-                .of_one_band(&mut prepared, hierarchy, arguments.tolerance, arguments.patches.memory)?
-        }
+        None => arguments
+            .portals
+            .of_one_band(&mut prepared, hierarchy, arguments.tolerance)?,
     };
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;
@@ -311,6 +311,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         (None, Some(path)) => Some(Heat::of_table(arguments, path, &prepared, talk)?),
         (None, None) => None,
     };
+    for path in &arguments.output {
+        forecast::require_disk(path, output::bytes_at_least(path, sensors.items.len()))?;
+    }
     let groups = Groups::new(arguments.by, &prepared);
     output::require_column(arguments, &groups, heat.is_some())?;
     let task = Task {
@@ -418,9 +421,12 @@ impl Task<'_> {
         let bar = Bar::counting(talk, self.sensors.items.len() as u64, "points");
         let keeps_patches = output::keeps_patches(self.arguments);
         let verified = self.verified_places();
+        let meter = Meter::new(self.prepared.budget);
         let keep = |sensor: usize, row: SensorRow| {
             let keeps = keeps_patches || verified.binary_search(&sensor).is_ok();
-            Kept::new(sensor, row, self.groups, self.heat, keeps)
+            let kept = Kept::new(sensor, row, self.groups, self.heat, keeps);
+            meter.take(kept.bytes(), "keeping more rows");
+            kept
         };
         let surroundings = Surroundings {
             horizon: self.horizon,
@@ -435,9 +441,10 @@ impl Task<'_> {
             &keep,
             &mut |done| {
                 bar.at(done as u64);
-                !cancel.load(Ordering::SeqCst)
+                meter.fits() && !cancel.load(Ordering::SeqCst)
             },
         )?;
+        meter.require("fewer points at a time take less, and `--by object` less than patches")?;
         Ok(found)
     }
 

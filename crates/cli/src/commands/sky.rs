@@ -3,6 +3,7 @@
 use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
+use crate::forecast;
 use crate::help::{examples, scene_help};
 use crate::level::percentage;
 use crate::outputs::Paths;
@@ -366,6 +367,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let mut prepared = prepare_scene(arguments, store.as_ref())?;
+    enclosure::note_doubles(&mut prepared, arguments.engine.thread_count());
     enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let images = match &store {
         Some(store) => stored::portals(store, &mut prepared, arguments.engine.hierarchy())?.images,
@@ -379,6 +381,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);
     let specular = specular(arguments, &prepared, store.as_ref())?;
+    require_memory(arguments, &prepared, points.items.len(), suns.items.len())?;
     let matrix = store.as_ref().map(|store| of_matrix(store, &prepared)).transpose()?;
     let task = Task {
         arguments,
@@ -978,6 +981,22 @@ fn folded(row: PointRow, images: &Images) -> PointRow {
         patches: patches.collect(),
         sky: row.sky,
     }
+}
+
+/// Asks for the memory of all rows, before the first. A closed body's patches see half of the directions on average, and
+/// so half of the columns; what a sun lights is a number of each patch, and another where portals pass it on.
+fn require_memory(arguments: &Arguments, prepared: &Prepared, points: usize, suns: usize) -> Result<()> {
+    let division = SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?;
+    let rows = (prepared.patches.len() + points) as u64;
+    let columns = u64::from(division.columns()) / 2 * size_of::<(u32, u64)>() as u64;
+    let lit = if arguments.csv.is_some() && arguments.output.is_none() && arguments.store.is_none() {
+        0
+    } else {
+        2 * size_of::<f32>() as u64 * suns as u64
+    };
+    let what = format!("keeping {} of the sky", counted(rows, "row"));
+    let next = "a coarser `--division`, and fewer suns at a time, take less";
+    forecast::require(prepared.budget, rows.saturating_mul(columns + lit), &what, next)
 }
 
 /// The share of each patch lit by each sun: 0 for patches turned away, and for suns below the horizon.

@@ -549,7 +549,7 @@ fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution, t
     prepared.tell_up(arguments.camera.up, talk);
     let values = model::of_solution(stored, arguments.shown())?;
     let specular = stored::specular(store, &prepared)?;
-    model::draw(&prepared, &values, &arguments.camera, specular.as_ref(), None, picture)
+    model::draw(&prepared, &values, &arguments.camera, specular.as_ref(), picture)
 }
 
 /// Number of right-hand sides solved together: their vectors take half the memory.

@@ -246,7 +246,7 @@ fn keep_log(log: &str) -> Result<()> {
 fn work(arguments: &Arguments, log: &mut String, talk: Talk) -> Result<()> {
     let path = &arguments.input;
     let named = || format!("`{}` cannot be read", path.display());
-    let bytes = std::fs::read(path).with_context(named)?;
+    let bytes = hemicube_scene::read_regular(path).with_context(named)?;
     // Before the work, as View3D does: an output that cannot be written is told at once.
     let mut out = PendingFile::create(&arguments.output)?;
     let study = vs3::study(&bytes).with_context(named)?;

@@ -362,14 +362,18 @@ pub(crate) fn draw(
     values: &Values,
     camera: &Camera,
     specular: Option<&Specular>,
-    memory: Option<u64>,
     output: &Path,
 ) -> Result<()> {
     let lens = camera.lens(prepared)?;
     // What each sample sees, its colour, and the picture.
     let samples = (lens.width * lens.height) as u64;
     let bytes = samples * (size_of::<Seen>() + size_of::<[f64; 3]>()) as u64;
-    crate::forecast::require(bytes, memory, "a picture of this size", "`--size` makes a smaller one")?;
+    crate::forecast::require(
+        prepared.budget,
+        bytes,
+        "a picture of this size",
+        "`--size` makes a smaller one",
+    )?;
     let seen = trace(prepared, &lens);
     // A patch hit away from all pixels of the frame: nothing is in sight.
     if seen.iter().all(|sample| sample.patch == u32::MAX) {

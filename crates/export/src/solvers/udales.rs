@@ -5,11 +5,12 @@
 //! times the sky's and Σ_j F_ij σ ε_j T_j⁴), and `tools/python/udgeom/view3d.py` (its own writer and its check: rows
 //! and sky sum to 1, reciprocity).
 //!
-//! Facets are the triangles of the STL file in order, from 1. svf_i = 1 − Σ_j F_ij of what is written.
+//! Facets are the triangles of the STL file in order, from 1. svf_i = 1 − Σ_j F_ij of what is written. A facet that sees
+//! nothing but backs is covered by another house, or lies under one: no air is on it, svf_i = 0, and it keeps its number.
 
 use super::{SolverJob, SolverWriter};
 use crate::Result;
-use crate::faces::{Faces, Found, Grouping, Needs, Sums};
+use crate::faces::{Face, Faces, Found, Grouping, Needs, Sums};
 use crate::write::Cancellable;
 use hemicube_solve::analysis::zones::GroupBy;
 use std::fmt::Write as _;
@@ -52,16 +53,18 @@ impl SolverWriter for Udales {
         let (mut text, mut sky) = (String::new(), String::new());
         for place in 0..job.faces.len() {
             let face = &job.faces.faces[place];
-            if face.blocked > BLOCKED {
+            let is_covered = is_covered(face);
+            if face.blocked > BLOCKED && !is_covered {
                 return Err(job.faces.unfit(
                     format!(
                         "{:.4} of what leaves {} ends on backs, which would count as sky",
                         face.blocked,
                         job.faces.named(place)
                     ),
-                    "walls of joined houses that touch, and ground under houses, are no facets of a city: take them away \
-                     in the modeller, or by `compute --exclude NAME` where they are objects; what faces inwards otherwise is \
-                     named by `hemicube inspect`, and turned by `compute --flip`",
+                    "a facet that is covered in part, as ground that goes on under a house, has a row of no use: cut it \
+                     along the house in the modeller, or take it away, by `compute --exclude NAME` where it is an \
+                     object; what is covered whole is taken; what faces inwards otherwise is named by `hemicube \
+                     inspect`, and turned by `compute --flip`",
                 ));
             }
             let row = job.faces.row(place)?;
@@ -72,17 +75,31 @@ impl SolverWriter for Udales {
                 let _ = writeln!(text, "{} {} {factor:e}", place + 1, column + 1);
             }
             sky.clear();
-            let _ = writeln!(sky, "{:.9}", (1.0 - sum).max(0.0));
+            let seen = if is_covered { 0.0 } else { (1.0 - sum).max(0.0) };
+            let _ = writeln!(sky, "{seen:.9}");
             job.put(files, 0, text.as_bytes())?;
             job.put(files, 1, sky.as_bytes())?;
         }
         Ok(())
     }
 
-    fn next(&self, _: &Faces<'_>, found: &Found, _: &[PathBuf]) -> String {
-        format!(
+    fn next(&self, faces: &Faces<'_>, found: &Found, _: &[PathBuf]) -> String {
+        let set = format!(
             "uDALES: `lvfsparse = .true.` and `nnz = {}` in &ENERGYBALANCE",
             found.entries
+        );
+        let mut covered = (0..faces.len()).filter(|&place| is_covered(&faces.faces[place]));
+        let Some(first) = covered.next() else { return set };
+        format!(
+            "{set}; facets that see nothing but backs, as where joined houses touch: {}, the first {}; their sky view \
+             factor is 0",
+            1 + covered.count(),
+            faces.named(first)
         )
     }
+}
+
+/// Returns whether a facet lies against another, or under a house.
+fn is_covered(face: &Face) -> bool {
+    face.blocked >= 1.0 - BLOCKED
 }

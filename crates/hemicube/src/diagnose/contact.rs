@@ -417,7 +417,9 @@ impl<'m> Search<'m> {
                 contacts.overlap.add(area, area, example(at, area));
             }
             Some(Relation::NearContact { gap, size, at }) => {
-                contacts.near.add(size, 0.0, example(at, gap / self.scale));
+                contacts
+                    .near
+                    .add(size, (size / self.scale).powi(2), example(at, gap / self.scale));
             }
             None => {}
         }

@@ -12,7 +12,7 @@ use super::motion::Motion;
 use crate::geometry;
 use crate::{Grouping, HierarchyOptions, Model, ModelError};
 use glam::DVec3;
-use hemicube_scene::{Axis, Patches, Scene, Subdivision, Triangle};
+use hemicube_scene::{Axis, Budget, Patches, Scene, Subdivision, Triangle};
 use serde_json::Value;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -59,8 +59,8 @@ pub struct ImageSettings {
     pub repeats: Option<u32>,
     /// The share of a row that may be cut off, where `repeats` is open.
     pub bound: f64,
-    /// Most surfaces of the cell with its images, where memory allows fewer than eight million.
-    pub surfaces_max: Option<u64>,
+    /// Memory that the cell with its images may take.
+    pub budget: Budget,
 }
 
 /// The images of a cell.
@@ -205,6 +205,8 @@ const SECTORS_MAX: u32 = 3600;
 const REPEATS_MAX: u32 = 1000;
 /// Surfaces of a cell with its images at most.
 const IMAGES_MAX: u64 = 1 << 23;
+/// Bytes of a surface of a cell's images with its tree: 9 GB for the most there may be.
+const IMAGE_BYTES: u64 = 1_070;
 /// Surfaces up to which repeats are added to keep a bound.
 const SURFACES: u64 = 1 << 18;
 
@@ -249,7 +251,7 @@ impl ImageSettings {
                 .as_u64()
                 .and_then(|repeats| u32::try_from(repeats).ok()),
             bound: 0.0,
-            surfaces_max: None,
+            budget: Budget::default(),
         };
         (!found.is_empty()).then_some(found)
     }
@@ -563,20 +565,26 @@ impl Images {
             two_sided,
         };
         let images = settings.count(repeats);
-        let most = IMAGES_MAX.min(settings.surfaces_max.unwrap_or(u64::MAX));
-        if images.saturating_mul(surfaces.len() as u64) > most {
-            let may = if most < IMAGES_MAX {
-                "the memory has room for"
-            } else {
-                "a scene with images may have"
-            };
+        let triangles = images.saturating_mul(surfaces.len() as u64);
+        if triangles > IMAGES_MAX {
             return Err(ImageError::Range {
                 what: format!(
-                    "{images} images of {} triangles are more than the {most} triangles that {may}: give fewer repeats",
+                    "{images} images of {} triangles are more than the {IMAGES_MAX} triangles that a scene with images \
+                     may have: give fewer repeats",
                     surfaces.len()
                 ),
             });
         }
+        let room = settings.budget.require(
+            triangles.saturating_mul(IMAGE_BYTES),
+            format!("a scene of {images} images of {} triangles", surfaces.len()),
+        );
+        room.map_err(|refused| ImageError::Range {
+            what: format!(
+                "{refused}: give fewer repeats, or allow {} MB of memory",
+                refused.megabytes()
+            ),
+        })?;
         let motions = settings.motions(repeats);
         let mut triangles = Vec::with_capacity(surfaces.len() * motions.len() + 12);
         for motion in &motions {

@@ -4,7 +4,7 @@
 #![allow(clippy::print_stdout, reason = "a skipped test says so")]
 
 use glam::{DMat3, DVec3};
-use hemicube_scene::{Axis, Error, ErrorKind, ReadOptions, Scene, ac3d};
+use hemicube_scene::{Axis, Budget, Error, ErrorKind, ReadOptions, Scene, ac3d};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,6 +16,7 @@ const HEAD: &str = "AC3Db\nMATERIAL \"white\" rgb 0.7 0.6 0.5  amb 1 1 1  emis 1
 const OPTICS: ReadOptions = ReadOptions {
     optics: true,
     allow_large: false,
+    budget: Budget::new(None),
 };
 
 /// A triangle object of three unit corners: (0,0,0), (1,0,0), (0,1,0).

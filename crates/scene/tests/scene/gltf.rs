@@ -8,7 +8,7 @@
 )]
 
 use glam::{DMat3, DVec3};
-use hemicube_scene::{Axis, Error, ErrorKind, ReadOptions, Scene, Triangle, gltf};
+use hemicube_scene::{Axis, Budget, Error, ErrorKind, ReadOptions, Scene, Triangle, gltf};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -29,10 +29,12 @@ fn scenes(test: &str) -> Option<PathBuf> {
 const GEOMETRY: ReadOptions = ReadOptions {
     optics: false,
     allow_large: false,
+    budget: Budget::new(None),
 };
 const OPTICS: ReadOptions = ReadOptions {
     optics: true,
     allow_large: false,
+    budget: Budget::new(None),
 };
 
 fn read_file(path: &Path) -> Result<Scene, Error> {

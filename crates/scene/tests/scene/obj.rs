@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, reason = "a skipped test says so")]
 
 use glam::DVec3;
-use hemicube_scene::{ErrorKind, ReadOptions, Scene, load, obj};
+use hemicube_scene::{Budget, ErrorKind, ReadOptions, Scene, load, obj};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -285,6 +285,7 @@ fn folder(name: &str) -> PathBuf {
 const OPTICS: ReadOptions = ReadOptions {
     optics: true,
     allow_large: false,
+    budget: Budget::new(None),
 };
 
 #[test]

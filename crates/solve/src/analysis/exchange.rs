@@ -25,7 +25,7 @@
 //! [`RowTable::returned`]: hemicube_store::RowTable::returned
 //! [`solve`]: crate::solve::solve
 
-use super::zones::{GroupBy, zones};
+use super::zones::{DENSE_MAX as SURFACES_MAX, GroupBy, zones};
 use crate::solve::{
     Block, Factors, Heat, InMemory, Method, OutOfCore, Pairs, Problem, Reading, STEFAN_BOLTZMANN, SolveError,
     SolveOptions, solve,
@@ -33,8 +33,6 @@ use crate::solve::{
 use hemicube_store::{Form, Part, RowTable, Store};
 use std::collections::HashMap;
 
-/// Most surfaces: their factors take 8 N² bytes a band.
-pub const SURFACES_MAX: usize = 20_000;
 /// Columns solved together.
 const AT_ONCE: usize = 64;
 /// Relative residual of a column.
@@ -73,7 +71,7 @@ impl Network {
     /// The surfaces of a stored matrix; its own patches without `by`. `reading` says what of the matrix stands for a pair.
     ///
     /// # Errors
-    /// [`SolveError::Problem`] for more than [`SURFACES_MAX`] surfaces, and errors of reading; a patch without a row is
+    /// [`SolveError::Problem`] for more than [`DENSE_MAX`](super::zones::DENSE_MAX) surfaces, and errors of reading; a patch without a row is
     /// one, because what it sends is not known.
     pub fn new(store: &Store, by: Option<GroupBy>, reading: Reading) -> Result<Self, SolveError> {
         let factors = OutOfCore::new(store, 0)?;

@@ -9,11 +9,16 @@
 
 use hemicube_scene::is_unseen;
 use hemicube_store::PatchKind;
-use hemicube_store::{Error, Manifest, PatchTable, Result, Store, write_whole};
+use hemicube_store::{DurableFile, Error, Manifest, PatchTable, Result, Store};
 use serde::Serialize;
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
+
+/// Most surfaces of a table of all pairs, 4·10⁸ cells: a choice. Few programs open larger ones, and sparse formats have no
+/// bound.
+pub const DENSE_MAX: usize = 20_000;
 
 /// Grouping of patches into zones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -260,8 +265,9 @@ impl ZoneFormat {
 /// Writes zones to `path`; the file appears whole or not at all. Returns its size.
 ///
 /// # Errors
-/// [`Error::Exists`] when something is there and `overwrite` is not set; [`Error::Unsupported`] for View3D's format and
-/// a zone without rows, which it has no word for; [`Error::Io`] or [`Error::NoSpace`].
+/// [`Error::Exists`] when something is there and `overwrite` is not set; [`Error::Unsupported`] for more zones than
+/// [`DENSE_MAX`], and for View3D's format and a zone without rows, which it has no word for; [`Error::Io`] or
+/// [`Error::NoSpace`].
 pub fn write_zones(
     zones: &[Zone],
     materials: &[String],
@@ -272,23 +278,56 @@ pub fn write_zones(
     if !overwrite && path.symlink_metadata().is_ok() {
         return Err(Error::Exists { path: path.to_owned() });
     }
-    let text = match format {
-        ZoneFormat::Csv => csv_of(zones).map_err(|error| Error::write(path, 0, std::io::Error::other(error)))?,
-        ZoneFormat::View3d => match zones.iter().find(|zone| !zone.has_rows()) {
-            None => view3d_of(zones, materials).into_bytes(),
-            Some(unknown) => {
-                return Err(Error::unsupported(
-                    path,
-                    format!(
-                        "cannot say that zone `{}` has no rows; compute all rows, or end it in `.csv`",
-                        unknown.name
-                    ),
-                ));
-            }
-        },
+    if zones.len() > DENSE_MAX {
+        return Err(Error::unsupported(
+            path,
+            format!(
+                "would be a table of {count} × {count} zones, and at most {DENSE_MAX} are written so; end it in `.npz`, \
+                 or take larger ones",
+                count = zones.len()
+            ),
+        ));
+    }
+    if let (ZoneFormat::View3d, Some(unknown)) = (format, zones.iter().find(|zone| !zone.has_rows())) {
+        return Err(Error::unsupported(
+            path,
+            format!(
+                "cannot say that zone `{}` has no rows; compute all rows, or end it in `.csv`",
+                unknown.name
+            ),
+        ));
+    }
+    let mut file = Counted {
+        file: BufWriter::new(DurableFile::create(path)?),
+        bytes: 0,
     };
-    write_whole(path, &text, "")?;
-    Ok(text.len() as u64)
+    let written = match format {
+        ZoneFormat::Csv => csv_of(zones, &mut file).map_err(io::Error::other),
+        ZoneFormat::View3d => view3d_of(zones, materials, &mut file),
+    };
+    let bytes = file.bytes;
+    let file = written.and_then(|()| file.file.into_inner().map_err(io::IntoInnerError::into_error));
+    let committed = file.and_then(DurableFile::commit);
+    committed.map_err(|error| Error::write(path, bytes, error))?;
+    Ok(bytes)
+}
+
+/// A file while it is written, with its size.
+struct Counted<W> {
+    file: W,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Counted<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
 }
 
 /// A text from a file as a cell of a table. Spreadsheets take a text with `=`, `+`, `-`, `@`, a tab or a line end at
@@ -325,8 +364,8 @@ pub fn table_text(text: &str) -> Cow<'_, str> {
     Cow::Owned(cell)
 }
 
-fn csv_of(zones: &[Zone]) -> std::result::Result<Vec<u8>, csv::Error> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
+fn csv_of(zones: &[Zone], file: impl Write) -> std::result::Result<(), csv::Error> {
+    let mut writer = csv::Writer::from_writer(file);
     let fixed = ["zone", "patches", "area", "escaped", "blocked", "unselected"];
     let names = zones.iter().map(|zone| table_text(&zone.name));
     writer.write_record(fixed.into_iter().map(Cow::Borrowed).chain(names).map(Cow::into_owned))?;
@@ -348,28 +387,34 @@ fn csv_of(zones: &[Zone]) -> std::result::Result<Vec<u8>, csv::Error> {
         let start = [table_text(&zone.name).into_owned(), zone.patches.to_string()];
         writer.write_record(start.into_iter().chain(numbers).chain(to))?;
     }
-    writer.into_inner().map_err(|error| error.into_error().into())
+    Ok(writer.flush()?)
 }
 
-fn view3d_of(zones: &[Zone], materials: &[String]) -> String {
-    let joined = |numbers: Vec<String>| numbers.join(" ") + "\n";
+fn view3d_of(zones: &[Zone], materials: &[String], mut file: impl Write) -> io::Result<()> {
+    let joined = |numbers: Vec<String>| numbers.join(" ");
     // `encl` and `emit` are 0: nothing was adjusted, nothing reflected.
-    let mut text = format!("View3D hemicube-{} 0 0 0 {}\n", env!("CARGO_PKG_VERSION"), zones.len());
-    text += &joined(zones.iter().map(|zone| zone.area.to_string()).collect());
+    writeln!(
+        file,
+        "View3D hemicube-{} 0 0 0 {}",
+        env!("CARGO_PKG_VERSION"),
+        zones.len()
+    )?;
+    writeln!(
+        file,
+        "{}",
+        joined(zones.iter().map(|zone| zone.area.to_string()).collect())
+    )?;
     for zone in zones {
-        text += &joined(
-            (0..)
-                .take(zones.len())
-                .map(|to| format!("{:.6}", zone.factor_to(to)))
-                .collect(),
-        );
+        let row = (0..).take(zones.len()).map(|to| format!("{:.6}", zone.factor_to(to)));
+        writeln!(file, "{}", joined(row.collect()))?;
     }
     let emissivity = |zone: &Zone| -> f64 {
         let material = materials.get(zone.material as usize);
         let given = material.and_then(|name| name.strip_prefix("emissivity ")?.parse().ok());
         given.unwrap_or(0.999)
     };
-    text + &joined(zones.iter().map(|zone| format!("{:.3}", emissivity(zone))).collect())
+    let emissivities = zones.iter().map(|zone| format!("{:.3}", emissivity(zone)));
+    writeln!(file, "{}", joined(emissivities.collect()))
 }
 
 #[cfg(test)]
@@ -396,17 +441,33 @@ mod tests {
             zone("wall", 4.0, 0, &[(0, 0.25), (1, 0.125)]),
         ];
         let materials = ["brick".to_owned(), "emissivity 0.9".to_owned()];
+        let mut table = Vec::new();
+        csv_of(&zones, &mut table).unwrap();
         assert_eq!(
-            String::from_utf8(csv_of(&zones).unwrap()).unwrap(),
+            String::from_utf8(table).unwrap(),
             "zone,patches,area,escaped,blocked,unselected,\"roof, \"\"flat\"\"\",wall\n\
              \"roof, \"\"flat\"\"\",2,2,0.25,0,0,0,0.5\nwall,2,4,0.25,0,0,0.25,0.125\n"
         );
-        let text = view3d_of(&zones, &materials);
+        let mut text = Vec::new();
+        view3d_of(&zones, &materials, &mut text).unwrap();
+        let text = String::from_utf8(text).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines[0].starts_with("View3D ") && lines[0].ends_with(" 0 0 0 2") && lines[0].len() < 35);
         assert_eq!(
             lines[1..],
             ["2 4", "0.000000 0.500000", "0.250000 0.125000", "0.900 0.999"]
         );
+    }
+
+    #[test]
+    fn a_table_of_more_zones_than_it_may_have_is_refused_before_it_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let zones = vec![zone("o", 1.0, 0, &[]); DENSE_MAX + 1];
+        for (name, format) in [("F.csv", ZoneFormat::Csv), ("F.vf", ZoneFormat::View3d)] {
+            let path = folder.path().join(name);
+            let error = write_zones(&zones, &[], &path, format, false).unwrap_err();
+            assert!(error.to_string().contains("a table of 20001 × 20001 zones"), "{error}");
+            assert!(!path.exists());
+        }
     }
 }

@@ -77,6 +77,16 @@ pub(super) fn require(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// The least that a file of so many sensors takes on the disk.
+pub(super) fn bytes_at_least(path: &Path, sensors: usize) -> u64 {
+    match Format::of(path) {
+        // A point with its normal, and three shares: no cell is empty.
+        Ok(Format::Csv | Format::Json) => 20 * sensors as u64,
+        // Compressed arrays, and pictures of one colour.
+        _ => 1 << 10,
+    }
+}
+
 /// Returns whether rows are kept by patch.
 pub(super) fn keeps_patches(arguments: &Arguments) -> bool {
     let is_npz = |path: &std::path::PathBuf| Format::of(path).is_ok_and(|format| format == Format::Npz);
@@ -177,6 +187,12 @@ pub(super) struct Kept {
 }
 
 impl Kept {
+    /// Bytes that it takes.
+    pub(super) fn bytes(&self) -> u64 {
+        let lists = size_of_val(&self.groups[..]) + size_of_val(&self.row.patches[..]);
+        (size_of::<Self>() + lists) as u64
+    }
+
     pub(super) fn new(sensor: usize, row: SensorRow, groups: &Groups, heat: Option<&Heat>, keeps: bool) -> Self {
         let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
         for &(patch, factor) in &row.patches {

@@ -131,7 +131,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         &values,
         &arguments.camera,
         specular.as_ref(),
-        None,
         &arguments.output,
     )?;
     let backs = prepared
