@@ -16,10 +16,14 @@ pub(crate) const EXPERT: &str = "Expert";
 /// Verbosity on standard error, and colour.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct Talk {
-    /// No messages on standard error but warnings and errors; results on standard output stay
+    /// No messages but warnings and errors
+    ///
+    /// Results are printed on standard output all the same.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub(crate) quiet: bool,
-    /// More messages: all settings, the engine's work, what was mended in the scene
+    /// More messages and details
+    ///
+    /// All settings, the engine's work, what was mended in the scene, times in JSON.
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Draw no progress bar (there is none anyway unless standard error is a terminal)
@@ -78,13 +82,17 @@ pub(crate) enum LogFormat {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Patches")]
 pub(crate) struct SceneSettings {
-    /// Cut all edges in K pieces: each triangle becomes K² patches
+    /// Cut edges in K pieces: K² patches a triangle
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) split: Option<u32>,
-    /// Cut until no patch is longer than LENGTH, in the scene's unit
+    /// Cut until no patch is longer
+    ///
+    /// In the scene's unit.
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) patch_size: Option<f64>,
-    /// Make both sides of triangles patches; auto: as the file says
+    /// Both sides are patches
+    ///
+    /// auto: as the file says.
     #[arg(
         long,
         value_name = "auto|on|off",
@@ -98,7 +106,9 @@ pub(crate) struct SceneSettings {
     /// Leave out the triangles of these objects and materials (repeatable)
     #[arg(long, value_name = "GLOB", hide_short_help = true)]
     pub(crate) exclude: Vec<String>,
-    /// The axis that points up [default: the file's, or found]
+    /// The axis that points up [default: as found]
+    ///
+    /// What the file says, or what its names and shapes suggest: `inspect` tells.
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR
@@ -134,12 +144,10 @@ pub(crate) struct SceneSettings {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct EngineSettings {
-    /// What renders: cpu, gl, wgpu, vulkan, or a file; never falls back to another
-    #[arg(long, value_name = "auto|NAME|PATH", default_value = "auto")]
+    /// What renders: cpu, gl, wgpu, vulkan, or a file; never falls back to another. HEMICUBE_BACKEND_PATH has the folders
+    /// to look for others in
+    #[arg(long, value_name = "auto|NAME|PATH", default_value = "auto", hide_short_help = true)]
     pub(crate) backend: String,
-    /// Look for backends in DIR first
-    #[arg(long, value_name = "DIR", hide_short_help = true)]
-    pub(crate) backend_dir: Option<PathBuf>,
     /// An option of the backend, such as `device=1` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
@@ -157,7 +165,13 @@ pub(crate) struct EngineSettings {
     /// Worker threads; 0: one for each core
     ///
     /// Results are the same.
-    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "0",
+        value_parser = clap::value_parser!(u32).range(0..=1024),
+        help_heading = "Run"
+    )]
     pub(crate) threads: u32,
 }
 
@@ -166,7 +180,6 @@ impl Default for EngineSettings {
     fn default() -> Self {
         Self {
             backend: "auto".to_owned(),
-            backend_dir: None,
             backend_option: Vec::new(),
             engine: Engine::Auto,
             threads: 0,
@@ -176,9 +189,11 @@ impl Default for EngineSettings {
 
 /// Hemicubes, and the correction of their rows to form factors.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Hemicubes")]
+#[command(next_help_heading = "Matrix")]
 pub(crate) struct RenderSettings {
-    /// Aim at this relative Frobenius error: 1%, 0.003 [default: 2%]
+    /// Relative Frobenius error to aim at [default: 2%]
+    ///
+    /// 1%, or 0.003: from 0.00001% to 50%.
     #[arg(long, value_name = "T", value_parser = tolerance)]
     pub(crate) tolerance: Option<Tolerance>,
     /// tolerance: visible fraction × closed form, to the tolerance; pixel: sums of pixels, the method as published
@@ -206,15 +221,6 @@ pub(crate) struct RenderSettings {
     /// Hemicubes a patch of sums of pixels: 1, 4, 9, 16…
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples, hide_short_help = true)]
     pub(crate) samples: Samples,
-    /// Turn each hemicube by a hash of its patch
-    #[arg(
-        long,
-        value_name = "on|off",
-        default_value = "on",
-        hide_possible_values = true,
-        hide_short_help = true
-    )]
-    pub(crate) rotation: Switch,
     #[command(flatten)]
     pub(crate) engine: EngineSettings,
 }
@@ -244,7 +250,6 @@ impl RenderSettings {
 
 /// Sources of settings.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Settings and reports")]
 pub(crate) struct ConfigFiles {
     /// Read settings from FILE (TOML) and from no other file; none: from no file
     #[arg(long, value_name = "FILE|none", hide_short_help = true)]
@@ -256,14 +261,12 @@ pub(crate) struct ConfigFiles {
 
 /// Reports for programs.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Settings and reports")]
 pub(crate) struct Report {
     /// Print the results as JSON
-    #[arg(long)]
+    ///
+    /// With `-v` times and memory, too; without, equal runs print equally.
+    #[arg(long, help_heading = clap::builder::Resettable::Reset)]
     pub(crate) json: bool,
-    /// Leave times and memory out of the JSON, where it has them, so that equal runs report equally
-    #[arg(long, requires = "json", hide_short_help = true)]
-    pub(crate) no_timings: bool,
 }
 
 /// A stored matrix to solve with: `solve`, `exchange`.
@@ -284,21 +287,29 @@ pub(crate) struct StoredMatrix {
 
 /// Selection of rows and columns.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Rows and columns")]
+#[command(next_help_heading = "Matrix")]
 pub(crate) struct SelectionSettings {
-    /// Only these rows: a range (patches A to B − 1, from 0), or a random sample of N or P %
+    /// Only a range of rows, or a random sample
+    ///
+    /// A..B: the rows of patches A to B − 1, from 0; N or P%: a random sample of so many.
     #[arg(long, value_name = "A..B|N|P%")]
     pub(crate) rows: Option<RowsAsked>,
     /// Which sample
     #[arg(long, value_name = "S", default_value = "1", hide_short_help = true)]
     pub(crate) seed: u64,
-    /// Rows only for objects or materials that match (repeatable)
+    /// Rows only for these objects or materials
+    ///
+    /// A glob of names; repeatable.
     #[arg(long, value_name = "GLOB")]
     pub(crate) emitters: Vec<String>,
-    /// Columns only for these (repeatable)
+    /// Columns only for these
+    ///
+    /// A glob of names; repeatable.
     #[arg(long, value_name = "GLOB")]
     pub(crate) receivers: Vec<String>,
-    /// Neither rows nor columns for these: they only occlude (repeatable)
+    /// Neither rows nor columns for these: they only occlude
+    ///
+    /// A glob of names; repeatable.
     #[arg(long, value_name = "GLOB")]
     pub(crate) occluders: Vec<String>,
 }

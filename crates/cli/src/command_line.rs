@@ -46,7 +46,6 @@ pub(crate) enum Command {
     Compute(Box<commands::compute::Arguments>),
     Inspect(Box<commands::inspect::Arguments>),
     Tradeoff(Box<commands::tradeoff::Arguments>),
-    Bench(commands::bench::Arguments),
     Check(commands::check::Arguments),
     Merge(commands::merge::Arguments),
     Balance(commands::balance::Arguments),
@@ -98,7 +97,7 @@ impl Command {
             Self::Generate(arguments) => arguments.paths(),
             Self::Backends { command } => command.paths(),
             // They write into folders of their own, by their own rules.
-            Self::Bench(_) | Self::Interactive(_) | Self::Manual(_) | Self::Completions(_) => Paths::default(),
+            Self::Interactive(_) | Self::Manual(_) | Self::Completions(_) => Paths::default(),
         }
     }
 }

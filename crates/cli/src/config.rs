@@ -18,16 +18,14 @@ use strsim::levenshtein;
 use toml::de::{DeTable, DeValue};
 
 /// Flags accepted as settings in files and in the environment.
-const SETTINGS: [&str; 30] = [
+const SETTINGS: [&str; 28] = [
     "backend",
-    "backend-dir",
     "backend-option",
     "engine",
     "tolerance",
     "correction",
     "resolution",
     "samples",
-    "rotation",
     "culling",
     "split",
     "patch-size",
@@ -77,7 +75,7 @@ const OWN: [(&str, &str); 1] = [("tradeoff", "rows")];
 
 /// Settings that run code from a file. A file found by its place may not name such code: the scene's folder is less
 /// trusted than the command line (`docs/security.md`).
-const RUNS_CODE: [&str; 2] = ["backend", "backend-dir"];
+const RUNS_CODE: [&str; 1] = ["backend"];
 
 /// `--config none`: no file of settings.
 const NO_FILE: &str = "none";
@@ -286,8 +284,8 @@ impl Layers {
                 continue;
             };
             let is_code = |word: &String| match origin {
-                Origin::Project(..) => name != "backend" || Registry::is_path(word),
-                Origin::User(..) => (name != "backend" || Registry::is_path(word)) && !Path::new(word).is_absolute(),
+                Origin::Project(..) => Registry::is_path(word),
+                Origin::User(..) => Registry::is_path(word) && !Path::new(word).is_absolute(),
                 Origin::Environment(_) | Origin::CommandLine => false,
             };
             let Some(word) = words.iter().find(|word| is_code(word)) else {
@@ -689,7 +687,6 @@ mod tests {
             "config",
             "print-config",
             "json",
-            "no-timings",
             "quiet",
             "verbose",
             "no-progress",

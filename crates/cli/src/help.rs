@@ -16,8 +16,8 @@ Settings, strongest first:
   4. $XDG_CONFIG_HOME/hemicube/hemicube.toml, or ~/.config/hemicube/hemicube.toml
   5. what is built in
   `--config FILE` stands for 3 and 4; `--print-config` shows each value and where it came from.
-  ./hemicube.toml may name an installed backend, but no file of one (`backend = \"./x.so\"`) and no `backend-dir`: what
-  runs is for the command line, a variable or `--config` to say.";
+  ./hemicube.toml may name an installed backend, but no file of one (`backend = \"./x.so\"`): what runs is for the
+  command line, a variable or `--config` to say.";
 
 /// Exit statuses 1 and 130 of a command, by its words; empty where it does not end so.
 const EXIT_STATUS: [(&str, &str, &str); 23] = [
@@ -100,6 +100,9 @@ pub(crate) fn ending(command: &str) -> Option<String> {
     }
     Some(text)
 }
+
+/// Help on the scene argument in `-h`.
+pub(crate) const SCENE: &str = "The scene's file, or a folder of them (formats: --help)";
 
 /// Help on the scene argument: the formats.
 pub(crate) fn scene_help() -> String {

@@ -14,6 +14,11 @@ use hemicube::driver::level::{Asked, LevelError};
 use hemicube::store::Form;
 use std::sync::atomic::AtomicBool;
 
+/// A tolerance in prose: `0.3 %`, where [`percentage`] is the word of an option, `0.3%`.
+pub(crate) fn asked(share: f64) -> String {
+    percentage(share).replace('%', " %")
+}
+
 /// Calibrates a tolerance on a scene. The result does not depend on the rows computed: `compute` and `tradeoff` agree.
 pub(crate) fn within(
     model: &Model,

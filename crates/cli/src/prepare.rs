@@ -18,7 +18,7 @@ use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -208,7 +208,7 @@ impl EngineSettings {
         if self.backend == BUILT_IN || (self.backend == "auto" && self.engine != Engine::Auto) {
             return self.built_in(&options);
         }
-        let registry = registry(self.backend_dir.as_deref());
+        let registry = registry();
         if self.backend != "auto" {
             let backend = registry
                 .open(&self.backend, &options)
@@ -266,9 +266,8 @@ impl EngineSettings {
 pub(crate) const BUILT_IN: &str = "cpu";
 
 /// The places searched for backends.
-pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
-    let given: Vec<PathBuf> = backend_dir.map(Path::to_owned).into_iter().collect();
-    Registry::new(Search::new(&given, &Environment::of_process()), &[BUILT_IN])
+pub(crate) fn registry() -> Registry {
+    Registry::new(Search::new(&[], &Environment::of_process()), &[BUILT_IN])
 }
 
 /// Reads the scene at `path` and makes a model of it for `work`, within `--memory` or the machine's memory.

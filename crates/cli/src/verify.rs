@@ -2,7 +2,7 @@
 
 use crate::args::{EngineSettings, Talk, Tolerance};
 use crate::exit::{self, Exit};
-use crate::level::percentage;
+use crate::level::asked as asked_for;
 use crate::progress::Bar;
 use crate::report::{Listing, count, counted, figures, percent};
 use anyhow::{Context, Result};
@@ -530,7 +530,7 @@ impl Verification {
                     "; {} of {} farther than {}",
                     count(beyond),
                     counted(c.rows, "row"),
-                    percentage(tolerance)
+                    asked_for(tolerance)
                 ),
                 _ => String::new(),
             };
@@ -625,9 +625,9 @@ impl Verification {
     /// A verdict on the tolerance, in words.
     fn says(&self, verdict: Verdict, tolerance: f64) -> String {
         match verdict {
-            Verdict::Kept => format!("{} kept", percentage(tolerance)),
+            Verdict::Kept => format!("{} kept", asked_for(tolerance)),
             Verdict::Broken => {
-                format!("FAILED, {} is not kept; a smaller `--tolerance` leaves a margin", percentage(tolerance))
+                format!("FAILED, {} is not kept; a smaller `--tolerance` leaves a margin", asked_for(tolerance))
             }
             Verdict::UnsureForNoise => "the reference is too noisy to judge".to_owned(),
             Verdict::UnsureForRows => format!("too few rows to judge; try `--verify {}`", 4 * self.rows_asked),

@@ -131,7 +131,7 @@ fn files_of_faces_hold_the_matrix_from_row_to_column() {
         assert!((row.iter().sum::<f64>() + sky - 1.0).abs() < 1e-6 && *sky >= 0.0);
     }
     let ran = place
-        .line("export B --for udales -o vfsparse.inp.064 --overwrite --json -")
+        .line("export B --for udales -o vfsparse.inp.064 --overwrite --json")
         .is(0);
     ran.clone().says(&[&format!("nnz = {entries}")]);
     assert_eq!(ran.json()["entries"], entries);

@@ -224,7 +224,7 @@ fn the_first_day() {
     for word in ["1,000", "area", "octree", "occlusion", "on disk", "unit"] {
         assert!(inspected.out.contains(word), "`{word}` is not in {}", inspected.out);
     }
-    let json = place.line("inspect room.obj --json --no-timings").is(0).json();
+    let json = place.line("inspect room.obj --json").is(0).json();
     assert_eq!(json["patches"]["count"], 1000);
     assert!(json.get("timings").is_none() && json["forecast"].get("seconds").is_none());
     assert!(
@@ -325,7 +325,7 @@ fn the_report_has_every_field() {
     let place = Place::new();
     place.line("generate maze --patches 500 -o maze.obj").is(0);
     let ran = place
-        .line("compute maze.obj -o m --correction pixel --resolution 64 --samples 4 --threads 2 --json -")
+        .line("compute maze.obj -o m --correction pixel --resolution 64 --samples 4 --threads 2 --json")
         .is(0);
     let report = ran.json();
     for field in [
@@ -391,7 +391,7 @@ fn the_report_has_every_field() {
         );
     }
 
-    let line = "compute maze.obj -o m --overwrite -q --no-timings --json";
+    let line = "compute maze.obj -o m --overwrite -q --json";
     let first = place.line(line).is(0).out;
     let second = place.line(&format!("{line} --threads 2")).is(0).out;
     assert_eq!(first, second, "without times, equal runs report equally");
@@ -751,7 +751,7 @@ fn a_folder_is_one_scene() {
     assert!(matrix("model").len() > 64);
     assert_eq!(matrix("model"), matrix("whole"));
 
-    let seen = place.line("inspect model --json -").is(0).json();
+    let seen = place.line("inspect model --json").is(0).json();
     let read = std::fs::read_to_string(place.path("model.hemicube/manifest.json")).expect("a manifest");
     let manifest: Value = serde_json::from_str(&read).expect("JSON");
     assert_eq!(manifest["objects"], serde_json::json!(["floor", "lamp"]));
@@ -814,7 +814,6 @@ fn wrong_usage_is_refused() {
         ("--two-sided maybe", "auto, on, off"),
         ("--backend gpu", "no backend named `gpu`"),
         ("--backend CPU", "no backend named `CPU`"),
-        ("--no-timings", "--json"),
         ("-q -v", "cannot be used with"),
     ] {
         let ran = place.line(&format!("compute room.obj -o m {settings}")).is(2);

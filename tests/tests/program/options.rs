@@ -403,12 +403,12 @@ fn helps() -> BTreeMap<String, BTreeMap<String, String>> {
 }
 
 /// Commands that stand for another program, with no options of their own, or take minutes; each has tests of its own.
-const WITHOUT_LINES: [&str; 3] = ["bench", "view3d", "backends header"];
+const WITHOUT_LINES: [&str; 4] = ["completions", "manual", "view3d", "backends header"];
 
 #[test]
 fn every_option_of_every_command_has_a_line() {
     let helps = helps();
-    assert!(helps.len() > 20 && helps["compute"].len() > 40, "the help is read");
+    assert!(helps.len() > 20 && helps["compute"].len() > 30, "the help is read");
     let known: BTreeSet<(String, String)> = rows()
         .iter()
         .map(|row| (row.command(), row.name().to_owned()))

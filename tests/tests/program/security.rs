@@ -56,8 +56,6 @@ fn code_of_a_folder_is_not_run() {
     for (text, words) in [
         ("backend = \"./x.so\"\n", "hemicube.toml:1: `backend = \"./x.so\"`"),
         ("\nbackend = \"x.so\"\n", "hemicube.toml:2: "),
-        ("backend-dir = \".\"\n", "hemicube.toml:1: `backend-dir = \".\"`"),
-        ("backend-dir = \"/usr/lib\"\n", "`backend-dir"),
     ] {
         write(&place, "hemicube.toml", text);
         for command in [
@@ -105,14 +103,14 @@ fn a_plugin_that_is_cut_short_is_refused_before_it_is_opened() {
         for name in ["vulkan", "mine"] {
             write(&place, &format!("b/libhemicube_backend_{name}.so"), &program[..length]);
         }
-        let listed = place.line("backends list --backend-dir b").is(0);
+        let listed = place.line("HEMICUBE_BACKEND_PATH=b backends list").is(0);
         assert!(listed.out.contains("cut short"), "{}", listed.out);
         place
-            .line(&format!("{COMPUTE} --backend-dir b --backend mine -o n"))
+            .line(&format!("HEMICUBE_BACKEND_PATH=b {COMPUTE} --backend mine -o n"))
             .is(2)
             .says(&["cut short"]);
         place
-            .line(&format!("{COMPUTE} --backend-dir b --backend auto -o a --overwrite"))
+            .line(&format!("HEMICUBE_BACKEND_PATH=b {COMPUTE} --backend auto -o a --overwrite"))
             .is(0);
     }
     let mut other = program[..].to_vec();
@@ -120,7 +118,7 @@ fn a_plugin_that_is_cut_short_is_refused_before_it_is_opened() {
     write(&place, "b/libhemicube_backend_mine.so", other);
     if !cfg!(target_arch = "riscv64") {
         place
-            .line(&format!("{COMPUTE} --backend-dir b --backend mine -o n"))
+            .line(&format!("HEMICUBE_BACKEND_PATH=b {COMPUTE} --backend mine -o n"))
             .is(2)
             .says(&["built for riscv64"]);
     }

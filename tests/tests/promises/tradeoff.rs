@@ -173,7 +173,7 @@ fn a_tolerance_comes_in_layers_like_any_setting() {
 fn a_run_measures_its_own_error() {
     let place = Place::with("room", 250);
     let verified = |settings: &str| {
-        let line = format!("compute scene.obj -o m --overwrite -q --json --no-timings {settings}");
+        let line = format!("compute scene.obj -o m --overwrite -q --json {settings}");
         place.json(&line, 0)["verification"].clone()
     };
     let pixel = verified("--correction pixel --verify 100000");
@@ -332,7 +332,7 @@ fn error_against_time() {
 fn errors_do_not_depend_on_the_clock_or_the_threads() {
     let place = Place::with("block-city", 300);
     let report = |threads: u32, seed: u32| {
-        let line = "tradeoff scene.obj --rows 4 -q --json --no-timings";
+        let line = "tradeoff scene.obj --rows 4 -q --json";
         let mut report = place.json(&format!("{line} --threads {threads} --seed {seed}"), 0);
         report.as_object_mut().expect("an object").remove("threads");
         let text = report.to_string();

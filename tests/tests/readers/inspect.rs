@@ -33,7 +33,7 @@ fn inspect(scene: &Path, arguments: &[&str]) -> String {
 }
 
 fn json(scene: &Path, arguments: &[&str]) -> Value {
-    let arguments = [arguments, &["--json", "--no-timings"]].concat();
+    let arguments = [arguments, &["--json"]].concat();
     serde_json::from_str(&inspect(scene, &arguments)).expect("JSON")
 }
 

@@ -75,7 +75,7 @@ fn city(inside_out: bool, ground: bool) -> String {
 }
 
 fn inspected(place: &Place, line: &str) -> Value {
-    place.line(&format!("inspect {line} --json - --config=none")).is(0).json()["enclosure"].clone()
+    place.line(&format!("inspect {line} --json --config=none")).is(0).json()["enclosure"].clone()
 }
 
 fn sentences(enclosure: &Value) -> Vec<String> {
@@ -596,7 +596,7 @@ fn points_in_solids_and_suns_that_have_set_are_told() {
         "0 -1 1\n0 0 1\n0 0 -1\n0 -1 0\n0 -1 -0.2\n".as_bytes(),
     );
     let run = place
-        .line("sky city.obj --up z --points points.csv --suns suns.txt -o S --json -")
+        .line("sky city.obj --up z --points points.csv --suns suns.txt -o S --json")
         .is(0)
         .says(&[
             "2 of 6 points in `points.csv` are in solids, surrounded by backs of one-sided surfaces: lines 3 and 7",
@@ -669,12 +669,12 @@ fn marks_of_byte_order_are_taken_by_every_text_format() {
     ] {
         write(&place, name, text.as_bytes());
         let plain = place
-            .line(&format!("inspect {name} --json - --config=none --no-timings"))
+            .line(&format!("inspect {name} --json --config=none"))
             .is(0)
             .json();
         write(&place, name, format!("\u{FEFF}{text}").as_bytes());
         let marked = place
-            .line(&format!("inspect {name} --json - --config=none --no-timings"))
+            .line(&format!("inspect {name} --json --config=none"))
             .is(0)
             .json();
         assert_eq!(plain["scene"], marked["scene"], "{name}");

@@ -2,7 +2,7 @@
 
 mod check;
 
-use crate::args::Report as ReportArguments;
+use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::Exit;
 use crate::help::examples;
 use crate::outputs::Paths;
@@ -36,9 +36,6 @@ pub(crate) enum Backends {
 /// `hemicube backends list`
 #[derive(Args, Debug)]
 pub(crate) struct ListArguments {
-    /// Look for backends in DIR first
-    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
-    pub(crate) backend_dir: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
@@ -134,17 +131,17 @@ impl Entry {
     }
 }
 
-pub(crate) fn run(command: &Backends) -> Result<Exit> {
+pub(crate) fn run(command: &Backends, talk: Talk) -> Result<Exit> {
     match command {
         Backends::List(arguments) => list(arguments),
-        Backends::Check(arguments) => check::run(arguments),
+        Backends::Check(arguments) => check::run(arguments, talk),
         Backends::Header => report::print(hemicube_host::C_HEADER).map(|()| Exit::Done),
     }
 }
 
 fn list(arguments: &ListArguments) -> Result<Exit> {
     let json = JsonReport::asked(&arguments.report);
-    let registry = registry(arguments.backend_dir.as_deref());
+    let registry = registry();
     let (mut backends, mut unusable) = (vec![Entry::built_in()], Vec::new());
     for Listed { name, path, state, .. } in registry.list() {
         let reason = match state {

@@ -4,7 +4,7 @@ use crate::args::{Report as ReportArguments, Talk, not_negative};
 use crate::escape::shown;
 use crate::exit::Exit;
 use crate::help::examples;
-use crate::level::percentage;
+use crate::level::asked as asked_for;
 use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, counted, figures, percent, small_percent};
@@ -54,9 +54,6 @@ pub(crate) struct Arguments {
     /// Accept a matrix of which parts are missing, such as that of an interrupted run
     #[arg(long)]
     pub(crate) allow_incomplete: bool,
-    /// How many of the rows with the largest closure error are listed
-    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
-    pub(crate) worst: u16,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
@@ -93,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     options.closure = arguments.max_closure;
     options.escaped = arguments.max_escaped;
     options.reciprocity = arguments.max_reciprocity;
-    options.worst_rows = arguments.worst.into();
+    options.worst_rows = if talk.verbose { 20 } else { 5 };
     options.allow_incomplete = arguments.allow_incomplete;
     let bar = Bar::spinner(talk, "checking");
     let found = check(&store, &options)?;
@@ -237,7 +234,7 @@ pub(super) fn error_against(expected: f64, asked: f64) -> String {
     format!(
         "{} expected, {} asked{verdict}",
         small_percent(expected),
-        percentage(asked)
+        asked_for(asked)
     )
 }
 

@@ -4,7 +4,7 @@ mod arguments;
 
 pub(crate) use arguments::Arguments;
 
-use crate::args::{AutoSwitch, RowRange, RowsAsked, SampleSize, SelectionSettings, Switch, Talk};
+use crate::args::{AutoSwitch, RowRange, RowsAsked, SampleSize, SelectionSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
@@ -616,7 +616,7 @@ impl Ending<'_> {
         } else {
             Vec::new()
         };
-        let timings = (!arguments.report.no_timings).then(|| timings(self.watch, prepared, finished));
+        let timings = talk.verbose.then(|| timings(self.watch, prepared, finished));
         let mut report = report_of(begun, prepared, tally, finished, timings);
         if !finished.resumed.is_complete {
             let took = finished.summary.elapsed.as_secs_f64();
@@ -679,7 +679,7 @@ fn job(arguments: &Arguments, prepared: &Prepared, portals: Portals) -> Result<J
     let selection = &arguments.selection;
     Ok(Job {
         accuracy: arguments.render.accuracy(),
-        rotate: arguments.render.rotation == Switch::On,
+        rotate: true,
         rows: row_choice(selection, arguments.by.into(), prepared)?,
         emitters: selection.emitters.clone(),
         receivers: selection.receivers.clone(),
@@ -1197,8 +1197,8 @@ fn summary(report: &Report, finished: &Finished) -> String {
     }
     if let Some(expected) = report.expected_error {
         let asked = match report.tolerance {
-            Some(asked) if expected > asked => format!(" (asked: {}): NOT REACHED", level::percentage(asked)),
-            Some(asked) => format!(" (asked: {})", level::percentage(asked)),
+            Some(asked) if expected > asked => format!(" (asked: {}): NOT REACHED", level::asked(asked)),
+            Some(asked) => format!(" (asked: {})", level::asked(asked)),
             None => String::new(),
         };
         let measure = if report.verification.is_none() { "; `--verify 32` measures it" } else { "" };

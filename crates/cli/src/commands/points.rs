@@ -8,7 +8,7 @@ mod sensors;
 use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
-use crate::help::{examples, scene_help};
+use crate::help::{SCENE, examples, scene_help};
 use crate::outputs::Paths;
 use crate::portals::PortalSettings;
 use crate::prepare::{Prepared, axis_name, prepare};
@@ -60,7 +60,7 @@ const EXAMPLES: &str = "  \
 #[command(group = clap::ArgGroup::new("where").required(true))]
 #[command(group = clap::ArgGroup::new("heat").args(["solution", "temperatures"]))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", help = scene_help())]
+    #[arg(value_name = "SCENE", help = SCENE, long_help = scene_help())]
     pub(crate) scene: PathBuf,
     /// The points: `x y z` or `x y z nx ny nz` a line, or columns of these names
     #[arg(long, value_name = "FILE", group = "where", help_heading = "Points")]
@@ -81,10 +81,6 @@ pub(crate) struct Arguments {
         help_heading = "Points"
     )]
     pub(crate) on: Vec<String>,
-    /// Distance of the grid from the surfaces of `--on`, along their normals [default: a thousandth of the step]
-    #[arg(long, value_name = "LENGTH", value_parser = length, requires = "on", conflicts_with_all = ["height", "points"],
-        help_heading = "Points")]
-    pub(crate) offset: Option<f64>,
     /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
     /// cylinder, upright [default: plane with normals, sphere without]
     #[arg(
@@ -324,6 +320,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         sensors: &sensors,
         groups: &groups,
         heat: heat.as_ref(),
+        is_verbose: talk.verbose,
     };
     let guard = exit::InterruptGuard::new();
     let Some(rows) = task.rows(cancel, talk)? else {
@@ -388,6 +385,7 @@ struct Task<'a> {
     sensors: &'a Sensors,
     groups: &'a Groups,
     heat: Option<&'a Heat>,
+    is_verbose: bool,
 }
 
 impl Task<'_> {
@@ -549,7 +547,7 @@ impl Task<'_> {
             cut_off: (!self.portals.is_empty()).then(|| self.mean(rows, |row| row.row.cut_off)),
             mean_radiant_temperature: self.heat.map(|_| self.mean(rows, |row| row.temperature)),
             verified,
-            seconds: (!self.arguments.report.no_timings).then_some(seconds),
+            seconds: self.is_verbose.then_some(seconds),
         }
     }
 

@@ -3,8 +3,8 @@
 use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
-use crate::help::{examples, scene_help};
-use crate::level::percentage;
+use crate::help::{SCENE, examples, scene_help};
+use crate::level::asked as asked_for;
 use crate::outputs::Paths;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
@@ -58,7 +58,7 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", help = scene_help())]
+    #[arg(value_name = "SCENE", help = SCENE, long_help = scene_help())]
     pub(crate) scene: PathBuf,
     /// Take the patches and hemicubes of this matrix, and write into its directory `sky`
     #[arg(
@@ -442,7 +442,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             output: output.map(|output| output.display().to_string()),
             tables: arguments.tables().map(|path| path.display().to_string()).collect(),
             record: &record,
-            seconds: (!arguments.report.no_timings).then_some(seconds),
+            seconds: talk.verbose.then_some(seconds),
         })?;
     }
     Ok(exit)
@@ -1066,12 +1066,12 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> Str
         "error",
         match (record.tolerance, record.tolerance_of_matrix) {
             (Some(tolerance), _) => match record.unsettled {
-                0 => format!("rows changed by {} at most at the last refinement", percentage(tolerance)),
-                rows => format!("{} still changed by more than {}", counted(rows, "row"), percentage(tolerance)),
+                0 => format!("rows changed by {} at most at the last refinement", asked_for(tolerance)),
+                rows => format!("{} still changed by more than {}", counted(rows, "row"), asked_for(tolerance)),
             },
             (None, Some(tolerance)) => format!(
                 "may be above the matrix's tolerance; `--tolerance {}` refines to it",
-                percentage(tolerance)
+                crate::level::percentage(tolerance)
             ),
             (None, None) => "not known; `--tolerance 1%` refines".to_owned(),
         },

@@ -361,7 +361,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         ));
     }
     if let Some(json) = json {
-        let timings = !arguments.report.no_timings;
+        let timings = talk.verbose;
         json.write(&Report {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),

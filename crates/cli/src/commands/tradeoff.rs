@@ -15,7 +15,7 @@ use crate::args::{
     tolerance,
 };
 use crate::exit::{self, Exit};
-use crate::help::{examples, scene_help};
+use crate::help::{SCENE, examples, scene_help};
 use crate::outputs::Paths;
 use crate::picture::sheet::Format;
 use crate::prepare::{Prepared, prepare};
@@ -51,7 +51,7 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(override_usage = "hemicube tradeoff [OPTIONS] SCENE", after_long_help = examples(EXAMPLES, true))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = SCENE, long_help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
     /// The relative Frobenius error that a setting is recommended for
     #[arg(long, value_name = "T", default_value = "1%", value_parser = tolerance)]
@@ -134,7 +134,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         print(&text(&report, recommended.as_ref(), asked, path))?;
     }
     if let Some(json) = json {
-        if arguments.report.no_timings {
+        if !talk.verbose {
             for trial in &mut report.trials {
                 trial.timing = None;
             }
@@ -149,11 +149,11 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
 }
 
 /// Measures all settings on a scene, by the arguments of a `tradeoff` command line; `None` where interrupted. For
-/// `bench`.
+/// the study.
 ///
 /// # Errors
 /// When the arguments are wrong, the scene cannot be read, the backend does not open, or there is no reference.
-pub(super) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
+pub(crate) fn measure_scene(words: Vec<OsString>, cancel: &AtomicBool, talk: Talk) -> Result<Option<Report>> {
     let definition = Arguments::augment_args(clap::Command::new("tradeoff").no_binary_name(true));
     let arguments = &Arguments::from_arg_matches(&definition.try_get_matches_from(words)?)?;
     let Some(path) = arguments.scene.as_deref() else {
@@ -410,7 +410,6 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
         "backend",
         (engine.backend != "auto").then(|| word(engine.backend.as_ref())),
     );
-    add("backend-dir", engine.backend_dir.as_deref().map(word));
     for option in &engine.backend_option {
         add("backend-option", Some(word(option.as_ref())));
     }

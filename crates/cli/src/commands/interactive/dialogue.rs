@@ -638,10 +638,7 @@ impl Dialogue<'_> {
 
     /// Asks for one of the backends that open, listed by `hemicube backends list`.
     fn backend(&mut self) -> Answer<String> {
-        let mut line = Line::new("backends list").with("--json");
-        if let Some(folder) = self.settings.value("backend-dir") {
-            line = line.with("--backend-dir").with(folder);
-        }
+        let line = Line::new("backends list").with("--json");
         let listed = self.run.output(&line);
         let list: Value = match listed.map(|bytes| serde_json::from_slice(&bytes)) {
             Ok(Ok(list)) => list,

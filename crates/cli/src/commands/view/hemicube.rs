@@ -47,9 +47,6 @@ pub(crate) struct Arguments {
     /// Show hemicubes in a window as they are computed, in the order of the work: space stops and goes on, Esc ends
     #[arg(long, conflicts_with_all = ["output", "show"])]
     pub(crate) live: bool,
-    /// End after so many hemicubes
-    #[arg(long, value_name = "N", requires = "live", conflicts_with = "output", value_parser = clap::value_parser!(u64).range(1..))]
-    pub(crate) count: Option<u64>,
     /// ids: which patch a pixel sees; depth; delta: what it weighs; occlusion: how many patches lie behind it
     #[arg(
         long,
@@ -184,7 +181,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         let live = Live {
             resolution: arguments.resolution,
             first: arguments.patch.map(|_| patch.0),
-            count: arguments.count,
             engine: &arguments.engine,
         };
         return live::run(live, &prepared, talk);
