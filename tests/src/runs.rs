@@ -37,7 +37,7 @@ impl Ran {
         self
     }
 
-    /// Standard error has these words in it.
+    /// It said these words, as results or as messages.
     ///
     /// # Panics
     /// When one is missing.
@@ -49,7 +49,8 @@ impl Ran {
     )]
     pub fn says(self, words: &[&str]) -> Self {
         for word in words {
-            assert!(self.err.contains(word), "`{word}` is not in: {}", self.err);
+            let is_said = self.err.contains(word) || self.out.contains(word);
+            assert!(is_said, "`{word}` is not in: {}{}", self.out, self.err);
         }
         self
     }
@@ -104,11 +105,10 @@ impl Place {
         self.directory.path().join(name)
     }
 
-    /// A run of the program, not started yet, of a line of words without blanks in them.
+    /// A run of the program, not started yet, of a line of words without blanks in them, variables first.
     pub fn command(&self, line: &str) -> Command {
         let mut command = command_in(&program(), self.directory.path());
-        command
-            .args(line.split_whitespace())
+        with_words(&mut command, line)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
@@ -160,6 +160,18 @@ pub fn command_in(program: &Path, folder: &Path) -> Command {
         }
     }
     command
+}
+
+/// Adds the words of a line: variables before a command, as a shell takes them, and arguments.
+pub fn with_words<'a>(command: &'a mut Command, line: &str) -> &'a mut Command {
+    let mut words = line.split_whitespace().peekable();
+    while let Some((name, value)) = words.peek().and_then(|word| word.split_once('='))
+        && name.chars().all(|c| c.is_ascii_uppercase() || c == '_')
+    {
+        command.env(name, value);
+        words.next();
+    }
+    command.args(words)
 }
 
 /// Waits for a run.

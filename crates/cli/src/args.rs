@@ -10,13 +10,20 @@ use hemicube_spatial::whole;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Verbosity on standard error.
+/// Heading of options that few runs need: they are in `--help`, not in `-h`.
+pub(crate) const EXPERT: &str = "Expert";
+
+/// Verbosity on standard error, and colour.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct Talk {
-    /// Say nothing but errors
+    /// No messages but warnings and errors
+    ///
+    /// Results are printed on standard output all the same.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub(crate) quiet: bool,
-    /// Say more: all settings, and what was mended in the scene
+    /// More messages and details
+    ///
+    /// All settings, the engine's work, what was mended in the scene, times in JSON.
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Draw no progress bar (there is none anyway unless standard error is a terminal)
@@ -29,6 +36,16 @@ pub(crate) struct Talk {
         value_parser = clap::builder::FalseyValueParser::new()
     )]
     pub(crate) no_progress: bool,
+    /// Colour of errors, warnings, hints and verdicts; auto: on terminals, unless NO_COLOR is set
+    #[arg(
+        long,
+        global = true,
+        value_name = "auto|always|never",
+        default_value = "auto",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
+    pub(crate) color: Color,
     /// How messages on standard error look; json: one object a line, stages with their times among them
     #[arg(
         long,
@@ -39,6 +56,17 @@ pub(crate) struct Talk {
         hide_short_help = true
     )]
     pub(crate) log_format: LogFormat,
+}
+
+/// When there is colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Color {
+    /// On terminals, unless `NO_COLOR` is set.
+    Auto,
+    /// Also in files and pipes.
+    Always,
+    /// Nowhere.
+    Never,
 }
 
 /// Form of messages on standard error.
@@ -54,16 +82,17 @@ pub(crate) enum LogFormat {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Patches")]
 pub(crate) struct SceneSettings {
-    /// Halve all edges L times: each triangle becomes 4^L patches
-    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(0..=31))]
-    pub(crate) subdivide: Option<u32>,
-    /// Cut all edges in K pieces: each triangle becomes K² patches
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    /// Cut edges in K pieces: K² patches a triangle
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) split: Option<u32>,
-    /// Cut until no patch is longer than LENGTH, in the scene's unit
+    /// Cut until no patch is longer
+    ///
+    /// In the scene's unit.
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) patch_size: Option<f64>,
-    /// Make both sides of triangles patches; auto: as the file says
+    /// Both sides are patches
+    ///
+    /// auto: as the file says.
     #[arg(
         long,
         value_name = "auto|on|off",
@@ -77,7 +106,9 @@ pub(crate) struct SceneSettings {
     /// Leave out the triangles of these objects and materials (repeatable)
     #[arg(long, value_name = "GLOB", hide_short_help = true)]
     pub(crate) exclude: Vec<String>,
-    /// The axis that points up [default: the file's, or found]
+    /// The axis that points up [default: as found]
+    ///
+    /// What the file says, or what its names and shapes suggest: `inspect` tells.
     #[arg(long, value_name = "x|y|z", hide_possible_values = true)]
     pub(crate) up: Option<UpAxis>,
     /// Multiply all coordinates by FACTOR
@@ -113,12 +144,10 @@ pub(crate) struct SceneSettings {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Hemicubes")]
 pub(crate) struct EngineSettings {
-    /// What renders: cpu, gl, wgpu, vulkan, or a file; never falls back to another
-    #[arg(long, value_name = "auto|NAME|PATH", default_value = "auto")]
+    /// What renders: cpu, gl, wgpu, vulkan, or a file; never falls back to another. HEMICUBE_BACKEND_PATH has the folders
+    /// to look for others in
+    #[arg(long, value_name = "auto|NAME|PATH", default_value = "auto", hide_short_help = true)]
     pub(crate) backend: String,
-    /// Look for backends in DIR first
-    #[arg(long, value_name = "DIR", hide_short_help = true)]
-    pub(crate) backend_dir: Option<PathBuf>,
     /// An option of the backend, such as `device=1` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
@@ -133,16 +162,16 @@ pub(crate) struct EngineSettings {
         hide_short_help = true
     )]
     pub(crate) engine: Engine,
-    /// Deepest level of the octree, up to 21. Rows are the same
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = octree_levels, hide_short_help = true)]
-    pub(crate) octree_levels: Auto,
-    /// Patches up to which a node of the octree is not divided. Rows are the same
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = min_patches, hide_short_help = true)]
-    pub(crate) min_patches: Auto,
     /// Worker threads; 0: one for each core
     ///
     /// Results are the same.
-    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "0",
+        value_parser = clap::value_parser!(u32).range(0..=1024),
+        help_heading = "Run"
+    )]
     pub(crate) threads: u32,
 }
 
@@ -151,11 +180,8 @@ impl Default for EngineSettings {
     fn default() -> Self {
         Self {
             backend: "auto".to_owned(),
-            backend_dir: None,
             backend_option: Vec::new(),
             engine: Engine::Auto,
-            octree_levels: Auto::Auto,
-            min_patches: Auto::Auto,
             threads: 0,
         }
     }
@@ -163,9 +189,11 @@ impl Default for EngineSettings {
 
 /// Hemicubes, and the correction of their rows to form factors.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Hemicubes")]
+#[command(next_help_heading = "Matrix")]
 pub(crate) struct RenderSettings {
-    /// Aim at this relative Frobenius error: 1%, 0.003 [default: 2%]
+    /// Relative Frobenius error to aim at [default: 2%]
+    ///
+    /// 1%, or 0.003: from 0.00001% to 50%.
     #[arg(long, value_name = "T", value_parser = tolerance)]
     pub(crate) tolerance: Option<Tolerance>,
     /// tolerance: visible fraction × closed form, to the tolerance; pixel: sums of pixels, the method as published
@@ -193,15 +221,6 @@ pub(crate) struct RenderSettings {
     /// Hemicubes a patch of sums of pixels: 1, 4, 9, 16…
     #[arg(long, value_name = "K", default_value = "1", value_parser = samples, hide_short_help = true)]
     pub(crate) samples: Samples,
-    /// Turn each hemicube by a hash of its patch
-    #[arg(
-        long,
-        value_name = "on|off",
-        default_value = "on",
-        hide_possible_values = true,
-        hide_short_help = true
-    )]
-    pub(crate) rotation: Switch,
     #[command(flatten)]
     pub(crate) engine: EngineSettings,
 }
@@ -231,14 +250,10 @@ impl RenderSettings {
 
 /// Sources of settings.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Settings and reports")]
 pub(crate) struct ConfigFiles {
-    /// Read settings from FILE (TOML) and from no other file
-    #[arg(long, value_name = "FILE", conflicts_with = "no_config", hide_short_help = true)]
+    /// Read settings from FILE (TOML) and from no other file; none: from no file
+    #[arg(long, value_name = "FILE|none", hide_short_help = true)]
     pub(crate) config: Option<PathBuf>,
-    /// Read no file of settings
-    #[arg(long, hide_short_help = true)]
-    pub(crate) no_config: bool,
     /// Print every setting and where it came from, and do nothing else
     #[arg(long, hide_short_help = true)]
     pub(crate) print_config: bool,
@@ -246,14 +261,12 @@ pub(crate) struct ConfigFiles {
 
 /// Reports for programs.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Settings and reports")]
 pub(crate) struct Report {
-    /// Report as JSON, to standard output or to FILE
-    #[arg(long, value_name = "FILE|-", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
-    pub(crate) json: Option<PathBuf>,
-    /// Leave times and memory out of the report, where it has them, so that equal runs report equally
-    #[arg(long, requires = "json", hide_short_help = true)]
-    pub(crate) no_timings: bool,
+    /// Print the results as JSON
+    ///
+    /// With `-v` times and memory, too; without, equal runs print equally.
+    #[arg(long, help_heading = clap::builder::Resettable::Reset)]
+    pub(crate) json: bool,
 }
 
 /// A stored matrix to solve with: `solve`, `exchange`.
@@ -274,24 +287,29 @@ pub(crate) struct StoredMatrix {
 
 /// Selection of rows and columns.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Rows and columns")]
+#[command(next_help_heading = "Matrix")]
 pub(crate) struct SelectionSettings {
-    /// Only the rows of patches A to B − 1, counted from 0
-    #[arg(long, value_name = "A..B")]
-    pub(crate) rows: Option<RowRange>,
-    /// Only a random sample of the rows
-    #[arg(long, value_name = "N|P%")]
-    pub(crate) sample_rows: Option<SampleSize>,
+    /// Only a range of rows, or a random sample
+    ///
+    /// A..B: the rows of patches A to B − 1, from 0; N or P%: a random sample of so many.
+    #[arg(long, value_name = "A..B|N|P%")]
+    pub(crate) rows: Option<RowsAsked>,
     /// Which sample
     #[arg(long, value_name = "S", default_value = "1", hide_short_help = true)]
     pub(crate) seed: u64,
-    /// Rows only for objects or materials that match (repeatable)
+    /// Rows only for these objects or materials
+    ///
+    /// A glob of names; repeatable.
     #[arg(long, value_name = "GLOB")]
     pub(crate) emitters: Vec<String>,
-    /// Columns only for these (repeatable)
+    /// Columns only for these
+    ///
+    /// A glob of names; repeatable.
     #[arg(long, value_name = "GLOB")]
     pub(crate) receivers: Vec<String>,
-    /// Neither rows nor columns for these: they only occlude (repeatable)
+    /// Neither rows nor columns for these: they only occlude
+    ///
+    /// A glob of names; repeatable.
     #[arg(long, value_name = "GLOB")]
     pub(crate) occluders: Vec<String>,
 }
@@ -475,6 +493,28 @@ impl FromStr for SampleSize {
     }
 }
 
+/// Rows to compute: a range, or a random sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum RowsAsked {
+    /// `A..B`.
+    Range(RowRange),
+    /// `N` or `P%`.
+    Sample(SampleSize),
+}
+
+impl FromStr for RowsAsked {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text.contains("..") {
+            text.parse().map(Self::Range)
+        } else {
+            let sample = text.parse().map(Self::Sample);
+            sample.map_err(|error| format!("{error}; or a range such as `0..100`"))
+        }
+    }
+}
+
 /// A division of the sky, by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Division(pub(crate) u32);
@@ -597,28 +637,6 @@ fn correction(text: &str) -> Result<Correction, String> {
     }
 }
 
-fn auto(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<Auto, String> {
-    if text == "auto" {
-        return Ok(Auto::Auto);
-    }
-    match text.parse::<u32>() {
-        Ok(number) if range.contains(&number) => Ok(Auto::Number(number)),
-        _ => Err(format!(
-            "`auto`, or a number from {} to {}, is needed",
-            range.start(),
-            range.end()
-        )),
-    }
-}
-
-fn octree_levels(text: &str) -> Result<Auto, String> {
-    auto(text, 0..=21)
-}
-
-fn min_patches(text: &str) -> Result<Auto, String> {
-    auto(text, 1..=1 << 20)
-}
-
 /// A share by which a refined row may change: `0.1%`, 0.001.
 pub(crate) fn change(text: &str) -> Result<f64, String> {
     let share = match text.strip_suffix('%') {
@@ -687,8 +705,6 @@ mod tests {
         for wrong in ["0", "-1", "nan", "inf", "x"] {
             assert!(positive(wrong).is_err(), "{wrong}");
         }
-        assert_eq!(octree_levels("auto"), Ok(Auto::Auto));
-        assert!(octree_levels("22").is_err() && min_patches("0").is_err());
         assert_eq!(correction("tolerance"), Ok(Correction::Tolerance));
         assert!(correction("area").is_err_and(|e| e.contains("pixel")));
     }

@@ -2,7 +2,6 @@
 
 pub(crate) mod backends;
 pub(crate) mod balance;
-pub(crate) mod bench;
 pub(crate) mod check;
 pub(crate) mod compare;
 pub(crate) mod compute;

@@ -14,6 +14,11 @@ use hemicube::driver::level::{Asked, LevelError};
 use hemicube::store::Form;
 use std::sync::atomic::AtomicBool;
 
+/// A tolerance in prose: `0.3 %`, where [`percentage`] is the word of an option, `0.3%`.
+pub(crate) fn asked(share: f64) -> String {
+    percentage(share).replace('%', " %")
+}
+
 /// Calibrates a tolerance on a scene. The result does not depend on the rows computed: `compute` and `tradeoff` agree.
 pub(crate) fn within(
     model: &Model,
@@ -62,15 +67,15 @@ pub(crate) fn explain(error: LevelError) -> anyhow::Error {
             tolerance,
         } => hinted(
             anyhow!(
-                "`--store {}` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
+                "`--form {}` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
                 form.name(),
                 small_percent(rounding),
                 percentage(tolerance)
             ),
             match form {
-                Form::Compact => "`--store plain` rounds nothing",
+                Form::Compact => "`--form plain` rounds nothing",
                 Form::Plain | Form::Double => {
-                    "below 0.000012% (1.2e-7) `--store double` is needed: form factors in f64"
+                    "below 0.000012% (1.2e-7) `--form double` is needed: form factors in f64"
                 }
             },
         ),

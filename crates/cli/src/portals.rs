@@ -14,16 +14,20 @@ use std::path::{Path, PathBuf};
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Mirrors, glass, symmetry")]
 pub(crate) struct PortalSettings {
-    /// Follow mirrors and panes by FILE, or by the `scene` itself
+    /// Mirrors and panes, by FILE or the `scene`
     #[arg(long, value_name = "FILE")]
     pub(crate) specular: Option<PathBuf>,
     /// End a path where no more than B of it is left; a twentieth of the tolerance, or 1e-4
     #[arg(long, value_name = "B", value_parser = bound, requires = "specular", hide_short_help = true)]
     pub(crate) specular_bound: Option<f64>,
-    /// The scene is one side of these planes: `x=0,y=5`
+    /// One side of mirror planes: `x=0,y=5`
+    ///
+    /// The scene is one side of these planes, and goes on behind them as its image.
     #[arg(long, value_name = "AXIS=AT,…", value_delimiter = ',', value_parser = symmetry, allow_hyphen_values = true)]
     pub(crate) symmetry: Vec<Symmetry>,
-    /// The scene is one of N sectors about an axis through 0: `z,12`
+    /// One of N sectors about an axis: `z,12`
+    ///
+    /// The axis goes through 0.
     #[arg(long, value_name = "AXIS,N", value_parser = sector)]
     pub(crate) sector: Option<Sector>,
     /// The scene repeats: `x=0..100,y=0..80`

@@ -17,7 +17,7 @@ use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Budget, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -112,27 +112,21 @@ impl SceneSettings {
     /// Refuses two ways of cutting at once, where no layers of settings decide between them.
     ///
     /// # Errors
-    /// When more than one was given.
+    /// When both are given.
     pub(crate) fn require_one_cut(&self) -> Result<()> {
-        let given = [
-            self.subdivide.is_some(),
-            self.split.is_some(),
-            self.patch_size.is_some(),
-        ];
-        if given.iter().filter(|&&given| given).count() > 1 {
+        if self.split.is_some() && self.patch_size.is_some() {
             return Err(anyhow!(
-                "`--subdivide`, `--split` and `--patch-size` are three ways to cut triangles; give one of them"
+                "`--split` and `--patch-size` are two ways to cut triangles; give one of them"
             ));
         }
         Ok(())
     }
 
-    /// Subdivision of triangles. At most one of the three settings is left when the layers are gathered.
+    /// Subdivision of triangles. At most one of the two settings is left when the layers are gathered.
     pub(crate) fn subdivision(&self) -> Subdivision {
-        match (self.subdivide, self.split, self.patch_size) {
-            (Some(levels), _, _) => Subdivision::Levels(levels),
-            (_, Some(pieces), _) => Subdivision::Split(pieces),
-            (_, _, Some(length)) => Subdivision::PatchSize(length),
+        match (self.split, self.patch_size) {
+            (Some(pieces), _) => Subdivision::Split(pieces),
+            (_, Some(length)) => Subdivision::PatchSize(length),
             _ => Subdivision::None,
         }
     }
@@ -198,11 +192,7 @@ impl RenderArguments {
 impl EngineSettings {
     /// Subdivision of the octree.
     pub(crate) fn hierarchy(&self) -> HierarchyOptions {
-        let suits = HierarchyOptions::default();
-        HierarchyOptions {
-            max_level: self.octree_levels.or(suits.max_level),
-            min_patches: self.min_patches.or(suits.min_patches),
-        }
+        HierarchyOptions::default()
     }
 
     /// Number of worker threads.
@@ -223,7 +213,7 @@ impl EngineSettings {
         if self.backend == BUILT_IN || (self.backend == "auto" && self.engine != Engine::Auto) {
             return self.built_in(&options);
         }
-        let registry = registry(self.backend_dir.as_deref());
+        let registry = registry();
         if self.backend != "auto" {
             let backend = registry
                 .open(&self.backend, &options)
@@ -281,9 +271,8 @@ impl EngineSettings {
 pub(crate) const BUILT_IN: &str = "cpu";
 
 /// The places searched for backends.
-pub(crate) fn registry(backend_dir: Option<&Path>) -> Registry {
-    let given: Vec<PathBuf> = backend_dir.map(Path::to_owned).into_iter().collect();
-    Registry::new(Search::new(&given, &Environment::of_process()), &[BUILT_IN])
+pub(crate) fn registry() -> Registry {
+    Registry::new(Search::new(&[], &Environment::of_process()), &[BUILT_IN])
 }
 
 /// Reads the scene at `path` and makes a model of it for `work`, within `--memory` or the machine's memory.
@@ -388,7 +377,7 @@ fn require_room(path: &Path, scene: &Scene, settings: &SceneSettings, work: Work
         size(room.bytes)
     );
     let finest = match refused.finest {
-        Some(Subdivision::Levels(levels)) => Some(format!("--subdivide {levels}")),
+        Some(Subdivision::Levels(levels)) => Some(format!("--split {}", 1u64 << levels.min(32))),
         Some(Subdivision::Split(pieces)) => Some(format!("--split {pieces}")),
         Some(Subdivision::PatchSize(length)) => Some(format!("--patch-size {length}")),
         Some(Subdivision::None) | None => None,

@@ -247,7 +247,7 @@ impl<'a> Faces<'a> {
         self.faces.len()
     }
 
-    pub(crate) fn unfit(&self, reason: impl Into<String>, next: impl Into<String>) -> Error {
+    pub(crate) fn unfit(&self, reason: impl Into<String>, next: impl Into<UnfitStep>) -> Error {
         Error::Unfit {
             store: self.store.directory().to_owned(),
             program: self.program,
@@ -282,8 +282,7 @@ impl<'a> Faces<'a> {
             if to == ABSENT {
                 return Err(self.unfit(
                     format!("{} has a column of something without a row", self.named(place)),
-                    "compute rows and columns of the same patches: leave `--emitters` and `--receivers` out, or name \
-                     what only occludes by `--occluders`",
+                    UnfitStep::SameRowsAndColumns,
                 ));
             }
             *column = to;
@@ -295,7 +294,7 @@ impl<'a> Faces<'a> {
     /// Looks whether the matrix has what is needed.
     pub(crate) fn check(&self, needs: Needs) -> Result<Found> {
         if self.faces.is_empty() {
-            return Err(self.unfit("it has no rows", "`hemicube check` says what it has"));
+            return Err(self.unfit("it has no rows", UnfitStep::Check));
         }
         let mut probe = needs.reciprocal.then(|| Probe::new(self.len()));
         let mut found = Found {
@@ -324,13 +323,13 @@ impl<'a> Faces<'a> {
             return Err(self.unfit(
                 "its rows are of what arrives through mirrors and panes, which hand on a part of it, and here rows of what \
                  stays are read",
-                "`hemicube exchange` has what surfaces exchange by them; or compute without `--specular`",
+                UnfitStep::WithoutMirrors,
             ));
         }
         if needs.sums != Sums::Free && found.sums[1] > 1.0 + SUM_ERROR {
             return Err(self.unfit(
                 format!("{} sums to {:.6}, above 1", self.named(most), found.sums[1]),
-                self.balance("--closure"),
+                UnfitStep::Close,
             ));
         }
         if needs.sums == Sums::One && found.sums[0] < 1.0 - SUM_ERROR {
@@ -341,7 +340,7 @@ impl<'a> Faces<'a> {
         {
             return Err(self.unfit(
                 format!("A[i] F[i, j] and A[j] F[j, i] differ by {residual:.1e} of their norm"),
-                self.balance("--reciprocity"),
+                UnfitStep::Reciprocate,
             ));
         }
         Ok(found)
@@ -349,11 +348,6 @@ impl<'a> Faces<'a> {
 
     fn goes_through_mirrors(&self) -> bool {
         !self.store.manifest().settings["portals"]["specular"].is_null()
-    }
-
-    fn balance(&self, option: &str) -> String {
-        let store = self.store.directory().display();
-        format!("`hemicube balance {store} -o balanced.hemicube {option}`, and export that")
     }
 
     fn not_closed(&self, place: usize, sum: f64) -> Error {
@@ -367,12 +361,12 @@ impl<'a> Faces<'a> {
                      must sum to 1",
                     face.escaped, face.blocked
                 ),
-                "close the scene: `hemicube inspect` names its holes and surfaces that face outwards",
+                UnfitStep::CloseScene,
             );
         }
         self.unfit(
             format!("{named} sums to {sum:.6}, and rows must sum to 1"),
-            self.balance("--closure"),
+            UnfitStep::Close,
         )
     }
 

@@ -76,7 +76,7 @@ pub enum Error {
         /// The thing and the bound.
         reason: String,
         /// The next step.
-        next: String,
+        next: UnfitStep,
     },
     /// Writing was cancelled; nothing is left of the file.
     #[error("`{}` was not written: it was interrupted", path.display())]
@@ -84,6 +84,46 @@ pub enum Error {
         /// The file asked for.
         path: PathBuf,
     },
+}
+
+/// What helps against [`Error::Unfit`]; front ends have their own words for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum UnfitStep {
+    /// In words.
+    Words(String),
+    /// Name the zone or enclosure.
+    NameZone,
+    /// Compute each zone by itself, and export it with its own name.
+    ZoneByZone,
+    /// Compute rows and columns of the same patches.
+    SameRowsAndColumns,
+    /// Compute without mirrors and panes; or ask for what surfaces exchange by them.
+    WithoutMirrors,
+    /// Balance the matrix until its rows close.
+    Close,
+    /// Balance the matrix until pairs agree.
+    Reciprocate,
+    /// Balance the matrix, leaving small form factors out.
+    Thin,
+    /// See what the matrix has.
+    Check,
+    /// Close the scene: see where its holes are.
+    CloseScene,
+    /// Leave objects that are inside of others out.
+    Exclude,
+}
+
+impl From<&str> for UnfitStep {
+    fn from(words: &str) -> Self {
+        Self::Words(words.to_owned())
+    }
+}
+
+impl From<String> for UnfitStep {
+    fn from(words: String) -> Self {
+        Self::Words(words)
+    }
 }
 
 /// Formats listed for a message: `.txt` or `.dat` (MATLAB's `spconvert`), `.npy` (dense) or `.parquet` (triplets).

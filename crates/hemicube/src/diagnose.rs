@@ -235,6 +235,26 @@ pub struct Finding {
     pub examples: Vec<Example>,
     /// The next thing to try.
     pub next: String,
+    /// Settings of a run that help.
+    #[serde(skip)]
+    pub helps: Vec<Remedy>,
+}
+
+/// A setting of a run that helps against a finding; front ends have their own words for it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Remedy {
+    /// All edges in two pieces or more.
+    Split,
+    /// Patches no longer than this, in the scene's unit.
+    PatchSize(String),
+    /// Both sides of triangles as patches.
+    TwoSided,
+    /// Triangles of objects turned round.
+    Flip,
+    /// Rows for some objects only.
+    Emitters,
+    /// A smaller tolerance.
+    Tolerance,
 }
 
 impl Finding {
@@ -312,7 +332,14 @@ impl Tally {
     }
 
     /// `of` is the number examined and the population; `whole` the reference of the total, if it is a share.
-    fn finding(self, kind: FindingKind, of: Examined, whole: Option<f64>, next: String) -> Option<Finding> {
+    fn finding(
+        self,
+        kind: FindingKind,
+        of: Examined,
+        whole: Option<f64>,
+        next: impl Into<Advice>,
+    ) -> Option<Finding> {
+        let Advice { next, helps } = next.into();
         if self.count == 0 {
             return None;
         }
@@ -329,7 +356,32 @@ impl Tally {
             total,
             examples: self.worst.into_iter().map(|(_, example)| example).collect(),
             next,
+            helps,
         })
+    }
+}
+
+/// The next thing to try, and the settings that do it.
+struct Advice {
+    next: String,
+    helps: Vec<Remedy>,
+}
+
+impl From<String> for Advice {
+    fn from(next: String) -> Self {
+        Self {
+            next,
+            helps: Vec::new(),
+        }
+    }
+}
+
+impl Advice {
+    fn new(next: impl Into<String>, helps: impl Into<Vec<Remedy>>) -> Self {
+        Self {
+            next: next.into(),
+            helps: helps.into(),
+        }
     }
 }
 

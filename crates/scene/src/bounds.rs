@@ -110,9 +110,9 @@ impl Bounds {
         if self.allow_large || count <= most {
             return Ok(());
         }
-        Err(too_large(format!(
+        Err(over_limit(format!(
             "becomes {count} triangles or more by copies, and a file of {bytes} bytes may become {most}; place fewer \
-             copies, or allow it (`--allow-large`)"
+             copies"
         )))
     }
 
@@ -125,9 +125,8 @@ impl Bounds {
         if self.allow_large || self.copied <= most {
             return Ok(());
         }
-        Err(too_large(format!(
-            "becomes more than {most} bytes by copies, the most for a file of {} bytes; place fewer copies, or allow \
-             it (`--allow-large`)",
+        Err(over_limit(format!(
+            "becomes more than {most} bytes by copies, the most for a file of {} bytes; place fewer copies",
             self.bytes
         )))
     }
@@ -140,9 +139,9 @@ impl Bounds {
         if self.allow_large || bytes <= most {
             return Ok(());
         }
-        Err(too_large(format!(
+        Err(over_limit(format!(
             "has compressed arrays of {bytes} bytes or more, and a file of {} bytes may hold {most}; save it \
-             uncompressed, or allow it (`--allow-large`)",
+             uncompressed",
             self.bytes
         )))
     }
@@ -187,9 +186,9 @@ impl Bounds {
         }
         self.polygon(corners)?;
         if corners > HOLED_CORNERS_MAX && !self.allow_large {
-            return Err(too_large(format!(
-                "a face with holes has {corners} corners; at most {HOLED_CORNERS_MAX} are cut into triangles unless \
-                 it is allowed (`--allow-large`), so split it first"
+            return Err(over_limit(format!(
+                "a face with holes has {corners} corners; at most {HOLED_CORNERS_MAX} are cut into triangles \
+                 unless that is allowed, so split it first"
             )));
         }
         self.steps((corners as u64).pow(2))
@@ -202,9 +201,8 @@ impl Bounds {
         if self.allow_large || self.steps <= STEPS.max(STEPS_A_BYTE.saturating_mul(self.bytes)) {
             return Ok(());
         }
-        Err(too_large(
-            "polygons of very many corners, or copies of very many surfaces, would take too long; split them first, or \
-             allow it (`--allow-large`)"
+        Err(over_limit(
+            "polygons of very many corners, or copies of very many surfaces, would take too long; split them first"
                 .to_owned(),
         ))
     }
@@ -212,6 +210,10 @@ impl Bounds {
 
 fn too_large(message: String) -> Error {
     Error::new(ErrorKind::TooLarge(message))
+}
+
+fn over_limit(message: String) -> Error {
+    Error::new(ErrorKind::OverLimit(message))
 }
 
 #[cfg(test)]

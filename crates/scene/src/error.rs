@@ -34,6 +34,9 @@ pub enum ErrorKind {
     /// More patches than ids, or than memory could hold; the message names the count.
     #[error("{0}")]
     TooLarge(String),
+    /// More than a file of its size may become; [`ReadOptions::allow_large`](crate::ReadOptions) lifts the limit.
+    #[error("{0}")]
+    OverLimit(String),
 }
 
 impl Error {

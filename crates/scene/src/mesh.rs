@@ -413,7 +413,7 @@ impl Mesh {
             faces.triangles.reserve(boundary.len());
             faces.ledger.warnings.push(format!(
                 "there are no surface cells: {} faces that belong to one volume cell only are taken, and face out of \
-                 it; turn them round (`--flip all`) if what radiates surrounds the volume that is meshed",
+                 it; turn them round if what radiates surrounds the volume that is meshed",
                 boundary.len()
             ));
             for (face, (cell, side)) in (0..).zip(boundary) {

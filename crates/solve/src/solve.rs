@@ -73,7 +73,7 @@ pub use files::{ArrayFile, SolutionWriter, StoredSolution};
 pub use heat::{Given, Heat, HeatSolution, OPEN, Undetermined, open_share, solve_heat};
 pub use pairs::{Pairs, Reading, SUMS, Weights, disagreement};
 pub use properties::{
-    Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, RGB, Spectrum, Tables, Temperature,
+    Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, PropertyStep, RGB, Spectrum, Tables, Temperature,
     Thermal, question_of_cold,
 };
 

@@ -53,7 +53,7 @@ pub enum Error {
         reason: &'static str,
     },
     /// A store or a file lies there already.
-    #[error("`{}` exists; `--overwrite` replaces it", path.display())]
+    #[error("`{}` exists", path.display())]
     Exists {
         /// The store or file.
         path: PathBuf,

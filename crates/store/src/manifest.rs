@@ -269,15 +269,14 @@ fn is_zero(number: &f64) -> bool {
     *number == 0.0
 }
 
-/// A setting as the option that asks for it: ``with `--split 2` ``, ``without `--min-factor` ``.
-fn option(name: &str, value: &Value) -> String {
-    let flag = name.replace('_', "-");
-    let with = |value: &dyn std::fmt::Display| format!("with `--{flag} {value}`");
+/// A setting in words: ``with `split` 2``, ``without `min_factor` ``.
+fn in_words(name: &str, value: &Value) -> String {
+    let with = |value: &dyn std::fmt::Display| format!("with `{name}` {value}");
     match value {
-        Value::Null => format!("without `--{flag}`"),
-        Value::Array(globs) if globs.is_empty() => format!("without `--{flag}`"),
+        Value::Null => format!("without `{name}`"),
+        Value::Array(globs) if globs.is_empty() => format!("without `{name}`"),
         Value::Array(globs) => {
-            let globs: Vec<String> = globs.iter().map(|glob| option(name, glob)).collect();
+            let globs: Vec<String> = globs.iter().map(|glob| in_words(name, glob)).collect();
             globs.join(" and ")
         }
         Value::Bool(on) => with(&if *on { "on" } else { "off" }),
@@ -285,18 +284,18 @@ fn option(name: &str, value: &Value) -> String {
         Value::String(text) if name == "rows" && text == "all" => "with all rows".to_owned(),
         Value::String(text) => with(text),
         Value::Object(map) => match (name, map.iter().next()) {
-            ("subdivision", Some((kind, fineness))) => option(kind, fineness),
+            ("subdivision", Some((kind, fineness))) => in_words(kind, fineness),
             ("rows", Some((kind, rows))) if kind == "range" => {
-                format!("with `--rows {}..{}`", rows["start"], rows["end"])
+                format!("with rows {}..{}", rows["start"], rows["end"])
             }
-            ("rows", Some((_, rows))) => format!("with `--sample-rows {} --seed {}`", rows["count"], rows["seed"]),
+            ("rows", Some((_, rows))) => format!("with a sample of {} rows (seed {})", rows["count"], rows["seed"]),
             _ => with(value),
         },
         Value::Number(_) => with(value),
     }
 }
 
-/// Names the settings that differ, by their options. Settings of other programs have their path as a name.
+/// Names the settings that differ. Settings of other programs have their path as a name.
 fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) {
     // Options of portals are those of a run, and without any the record is missing.
     let none = serde_json::json!({});
@@ -304,7 +303,7 @@ fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) 
     let theirs = if or_none(theirs) { &none } else { theirs };
     let ours = if or_none(ours) { &none } else { ours };
     let name = match name.strip_prefix("portals.").unwrap_or(name) {
-        "specular.bound" => "specular-bound",
+        "specular.bound" => "specular_bound",
         name => name,
     };
     match (theirs, ours) {
@@ -316,14 +315,14 @@ fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) 
             let others: Vec<String> = others.map(|name| format!("`{name}`")).collect();
             if !others.is_empty() {
                 found.push(format!(
-                    "it was computed with another `--specular`, of {}",
+                    "it was computed with other mirrors and panes, of {}",
                     others.join(", ")
                 ));
             }
         }
         (Value::Object(_), Value::Null) | (Value::Null, Value::Object(_)) if name == "specular" => {
             let [theirs, ours] = [theirs, ours].map(|value| if value.is_null() { "without" } else { "with" });
-            found.push(format!("it was computed {theirs} `--specular`, and here it is {ours}"));
+            found.push(format!("it was computed {theirs} mirrors and panes, and here it is {ours}"));
         }
         (Value::Object(theirs), Value::Object(ours)) if !matches!(name, "subdivision" | "rows") => {
             let keys: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();
@@ -338,7 +337,7 @@ fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) 
             }
         }
         _ if theirs != ours => {
-            let [theirs, ours] = [theirs, ours].map(|value| option(name, value));
+            let [theirs, ours] = [theirs, ours].map(|value| in_words(name, value));
             found.push(format!("it was computed {theirs}, and here it is {ours}"));
         }
         _ => {}
@@ -428,7 +427,7 @@ impl Manifest {
             return Some(differences.join("; "));
         }
         if self.form != other.form {
-            return of("form (`--store`)", &self.form.name(), &other.form.name());
+            return of("form", &self.form.name(), &other.form.name());
         }
         if self.patch_count != other.patch_count {
             return of("number of patches", &self.patch_count, &other.patch_count);

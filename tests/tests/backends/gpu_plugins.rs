@@ -44,7 +44,8 @@ fn keeps_the_conformance_suite(name: &str) {
         return;
     }
     let output = Command::new(program())
-        .args(["backends", "check", name, "--backend-dir", &folder()])
+        .args(["backends", "check", name])
+        .env("HEMICUBE_BACKEND_PATH", folder())
         .output()
         .expect("the program starts");
     let text = String::from_utf8_lossy(&output.stdout);
@@ -88,7 +89,8 @@ fn has_exact_edges(name: &str) {
         return;
     }
     let output = Command::new(program())
-        .args(["backends", "check", name, "--backend-dir", &folder()])
+        .args(["backends", "check", name])
+        .env("HEMICUBE_BACKEND_PATH", folder())
         .args(["--backend-option", "edges=exact", "--only", "*/reference"])
         .output()
         .expect("the program starts");
@@ -137,12 +139,11 @@ fn measured(place: &Path, scene: &str, backend: &str, how: &[&str]) -> f64 {
             "--overwrite",
             "--backend",
             backend,
-            "--backend-dir",
-            &folder(),
         ])
+        .env("HEMICUBE_BACKEND_PATH", folder())
         // A few pairs that the centroid sees and hardly any other point does make up most of the error: 48 rows cannot
         // tell.
-        .args(["--verify", "192", "--json", "-"])
+        .args(["--verify", "192", "--json"])
         .args(how)
         .output()
         .expect("the program starts");
@@ -277,7 +278,8 @@ fn a_wall_right_before_a_patch_is_seen() {
             .arg("compute")
             .arg(scenes.join("city/denhaag-8897.obj"))
             .args(["--rows", "4810..4811", "--correction", "pixel", "--json", "--quiet"])
-            .args(["--backend", name, "--backend-dir", &folder(), "--overwrite", "-o"])
+            .env("HEMICUBE_BACKEND_PATH", folder())
+            .args(["--backend", name, "--overwrite", "-o"])
             .arg(scratch.path().join("row"))
             .output()
             .expect("the program starts");

@@ -288,7 +288,12 @@ fn fault_05_required_function_missing_or_name_wrong() {
     // By another name than it has.
     let run = Run::new();
     c("faulty/table.c", run.place.path(), "other-name", &[]);
-    let output = run.program(&["backends", "list", "--backend-dir", "."]);
+    let here = |arguments: &[&str]| {
+        let mut command = run.command();
+        command.env("HEMICUBE_BACKEND_PATH", ".").args(arguments);
+        command.output().expect("the program runs")
+    };
+    let output = here(&["backends", "list"]);
     assert!(text(&output.stdout).contains("it calls itself `bad-table`, not `other-name`"));
     let arguments = [
         "compute",
@@ -297,10 +302,8 @@ fn fault_05_required_function_missing_or_name_wrong() {
         "m",
         "--backend",
         "other-name",
-        "--backend-dir",
-        ".",
     ];
-    let said = text(&run.program(&arguments).stderr);
+    let said = text(&here(&arguments).stderr);
     assert!(
         said.starts_with("error: no backend named `other-name`\n  tried  "),
         "{said}"
@@ -584,8 +587,8 @@ fn fault_16_two_plugins_of_one_name() {
     }
     let mut command = run.command();
     command
-        .env("HEMICUBE_BACKEND_PATH", "second")
-        .args(["backends", "list", "--backend-dir", "first"]);
+        .env("HEMICUBE_BACKEND_PATH", "first:second")
+        .args(["backends", "list"]);
     let said = text(&command.output().expect("the program runs").stdout);
     let line = |word: &str| {
         said.lines()

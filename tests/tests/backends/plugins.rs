@@ -14,7 +14,7 @@ use hemicube_scene::generate::Kind;
 use hemicube_tests::devices::unoccluded;
 use hemicube_tests::plugins::{c, c_minimal, rust, session};
 use hemicube_tests::rows::{hemicubes, render_with, settings, spread};
-use hemicube_tests::runs::command_in;
+use hemicube_tests::runs::{command_in, with_words};
 use hemicube_tests::scenes::{generated, model, program, say, workspace};
 use std::path::Path;
 use std::process::{Command, Output};
@@ -310,9 +310,9 @@ fn what_a_plugin_does_not_count_the_host_counts() {
 
 /// The program, without settings of the user or the environment, in a folder.
 fn run(folder: &Path, program: &Path, line: &str) -> Output {
-    command_in(program, folder)
-        .env("HOME", folder)
-        .args(line.split_whitespace())
+    let mut command = command_in(program, folder);
+    command.env("HOME", folder);
+    with_words(&mut command, line)
         .output()
         .expect("the program runs")
 }
@@ -347,7 +347,7 @@ fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_ba
 
     // Corrected, it is as accurate as the built-in backend: the host counts what it does not.
     let error = |backend: &str| {
-        let line = format!("compute room.obj -o area --overwrite --backend {backend} --verify 40 --json -");
+        let line = format!("compute room.obj -o area --overwrite --backend {backend} --verify 40 --json");
         let output = here(&line);
         assert!(output.status.success(), "{}", text(&output.stderr));
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a report");
@@ -424,7 +424,7 @@ fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
     );
 
     assert!(here("generate room --patches 40 -o room.obj").status.success());
-    let said = text(&here("compute room.obj -o a --backend-dir software").stderr);
+    let said = text(&here("HEMICUBE_BACKEND_PATH=software compute room.obj -o a").stderr);
     let wanted = "backend auto takes `cpu`; vulkan: `one processor core` runs on the processor; wgpu: not installed; gl: not installed";
     assert!(said.contains(wanted), "{said}");
     let said = text(&here("compute room.obj -o b").stderr);
@@ -436,11 +436,11 @@ fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
     );
     // Named, it is used although it runs on the processor; and what fails is not replaced.
     let said = text(
-        &here("compute room.obj -o d --backend vulkan --backend-dir software --correction pixel --resolution 16")
+        &here("HEMICUBE_BACKEND_PATH=software compute room.obj -o d --backend vulkan --correction pixel --resolution 16")
             .stderr,
     );
     assert!(said.contains("backend vulkan 1 (one processor core)"), "{said}");
-    let output = here("compute room.obj -o e --backend vulkan --backend-dir gpu --correction pixel");
+    let output = here("HEMICUBE_BACKEND_PATH=gpu compute room.obj -o e --backend vulkan --correction pixel");
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).starts_with("error: backend `vulkan`: no driver is installed"));
 }
@@ -467,13 +467,13 @@ fn with_raised_privileges_nothing_is_loaded_from_where_the_user_chooses() {
     std::fs::set_permissions(&raised, std::fs::Permissions::from_mode(0o4755)).expect("its own file");
     let plugin = c("c_minimal/backend.c", place.path(), "c-minimal", &[]);
     let folders = |program: &Path| {
-        let output = run(place.path(), program, "backends list --json --backend-dir .");
+        let output = run(place.path(), program, "HEMICUBE_BACKEND_PATH=. backends list --json");
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
         report["folders"].to_string()
     };
-    assert!(folders(&program()).contains("--backend-dir"));
+    assert!(folders(&program()).contains("HEMICUBE_BACKEND_PATH"));
     let of_raised = folders(&raised);
-    if of_raised.contains("--backend-dir") {
+    if of_raised.contains("HEMICUBE_BACKEND_PATH") {
         // A file system that is mounted without set-user-id.
         say("SKIP with_raised_privileges: the bit has no effect in the folder of temporary files");
         return;
@@ -493,7 +493,7 @@ fn backends_check_tells_held_from_not_claimed_from_broken() {
     let here = |line: &str| run(place.path(), &program(), line);
     let check = |plugin: &Path, only: &str| {
         let output = here(&format!(
-            "backends check {} --only {only} --json --no-timings",
+            "backends check {} --only {only} --json",
             plugin.display()
         ));
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();

@@ -76,7 +76,7 @@ impl Drop for Display {
 fn live(display: Option<&str>, more: &[&str]) -> Command {
     let mut command = Command::new(program());
     command
-        .args(["view", "hemicube", "--live", "--subdivide", "4", "--resolution", "64"])
+        .args(["view", "hemicube", "--live", "--split", "16", "--resolution", "64"])
         .arg(workspace().join("crates/scene/data/cornell-box.obj"))
         .args(more)
         .env_remove("DISPLAY")
@@ -126,11 +126,6 @@ fn hemicubes_are_seen_one_after_another() {
     let _ = running.kill();
     let _ = running.wait();
 
-    let output = live(Some(&display.name), &["--count", "5", "--patch", "7"])
-        .output()
-        .expect("the program runs");
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    assert!(said(&output).contains("5 hemicubes shown"), "{}", said(&output));
 }
 
 #[test]

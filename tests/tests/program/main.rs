@@ -1,6 +1,5 @@
 //! The program as a user meets it: commands, exit codes, terminals, what interrupts it, and who attacks it.
 
-mod bench;
 mod cli;
 mod compact;
 mod distribution;
@@ -11,4 +10,5 @@ mod options;
 mod security;
 mod side_by_side;
 mod store_mutants;
+mod study;
 mod verdicts;

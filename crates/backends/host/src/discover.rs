@@ -1,6 +1,6 @@
 //! The folders searched for backends, in order.
 //!
-//! `--backend-dir`, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder
+//! A folder given, each folder of `HEMICUBE_BACKEND_PATH`, `backends` beside the program, the program's own folder
 //! (for backends asked for by name), `../lib/hemicube/backends` from there, the user's data folder, the system's. Not
 //! recursive.
 //!
@@ -40,8 +40,8 @@ pub fn name_of_file(file: &str) -> Option<String> {
 /// The source of a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// `--backend-dir`.
-    Flag,
+    /// Given by the caller.
+    Given,
     /// `HEMICUBE_BACKEND_PATH`.
     Variable,
     /// Beside the program, in a folder for backends.
@@ -57,7 +57,7 @@ pub enum Origin {
 impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Flag => "--backend-dir",
+            Self::Given => "given",
             Self::Variable => PATH_VARIABLE,
             Self::Program => "beside the program",
             Self::Build => "the program's folder",
@@ -149,7 +149,7 @@ fn is_raised() -> bool {
 ///     let search = Search::new(&[PathBuf::from("/home/ann/backends")], environment);
 ///     search.folders().iter().map(|folder| folder.origin).collect()
 /// };
-/// assert_eq!(origins(&environment), [Origin::Flag, Origin::Program, Origin::Build, Origin::Program]);
+/// assert_eq!(origins(&environment), [Origin::Given, Origin::Program, Origin::Build, Origin::Program]);
 ///
 /// // A program with raised privileges loads nothing put there by others.
 /// let raised = Environment { raised: true, ..environment.clone() };
@@ -162,7 +162,7 @@ pub struct Search {
 }
 
 impl Search {
-    /// Lists the folders of an environment, after those of `--backend-dir`.
+    /// Lists the folders of an environment, after those given.
     pub fn new(given: &[PathBuf], environment: &Environment) -> Self {
         let mut folders: Vec<Folder> = Vec::new();
         let mut add = |path: PathBuf, origin| {
@@ -173,7 +173,7 @@ impl Search {
         };
         if !environment.raised {
             for path in given {
-                add(path.clone(), Origin::Flag);
+                add(path.clone(), Origin::Given);
             }
             for path in environment.path_variable.iter().flat_map(std::env::split_paths) {
                 // An empty entry would be the working directory, never intended.
@@ -253,7 +253,7 @@ mod tests {
                 "/usr/lib/hemicube/backends",
             ]
         );
-        assert_eq!(search.folders()[1].origin, Origin::Flag);
+        assert_eq!(search.folders()[1].origin, Origin::Given);
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 mod check;
 
-use crate::args::Report as ReportArguments;
+use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::Exit;
-use crate::help::{AFTER_LONG_HELP, examples};
+use crate::help::examples;
 use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA};
@@ -25,22 +25,17 @@ const EXAMPLES_OF_CHECK: &str = "  \
 #[derive(Debug, Subcommand)]
 pub(crate) enum Backends {
     /// List the backends, their devices and what they can do, and why others cannot be used
-    #[command(after_long_help = AFTER_LONG_HELP)]
     List(ListArguments),
     /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
     #[command(after_long_help = examples(EXAMPLES_OF_CHECK, false))]
     Check(check::Arguments),
     /// Print the header for backends in C: `hemicube backends header > hemicube_backend.h`
-    #[command(after_long_help = AFTER_LONG_HELP)]
     Header,
 }
 
 /// `hemicube backends list`
 #[derive(Args, Debug)]
 pub(crate) struct ListArguments {
-    /// Look for backends in DIR first
-    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
-    pub(crate) backend_dir: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
@@ -49,7 +44,7 @@ impl Backends {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         match self {
-            Self::List(arguments) => Paths::default().reports(&arguments.report),
+            Self::List(_) => Paths::default(),
             Self::Check(arguments) => arguments.paths(),
             Self::Header => Paths::default(),
         }
@@ -136,17 +131,17 @@ impl Entry {
     }
 }
 
-pub(crate) fn run(command: &Backends) -> Result<Exit> {
+pub(crate) fn run(command: &Backends, talk: Talk) -> Result<Exit> {
     match command {
         Backends::List(arguments) => list(arguments),
-        Backends::Check(arguments) => check::run(arguments),
+        Backends::Check(arguments) => check::run(arguments, talk),
         Backends::Header => report::print(hemicube_host::C_HEADER).map(|()| Exit::Done),
     }
 }
 
 fn list(arguments: &ListArguments) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
-    let registry = registry(arguments.backend_dir.as_deref());
+    let json = JsonReport::asked(&arguments.report);
+    let registry = registry();
     let (mut backends, mut unusable) = (vec![Entry::built_in()], Vec::new());
     for Listed { name, path, state, .. } in registry.list() {
         let reason = match state {

@@ -10,7 +10,7 @@ mod text;
 use crate::args::{ConfigFiles, RenderSettings as RenderArguments, Report as ReportArguments, SceneSettings, Talk};
 use crate::clock::processor_seconds;
 use crate::exit::Exit;
-use crate::help::{examples, scene_help};
+use crate::help::{SCENE, examples, scene_help};
 use crate::outputs::Paths;
 use crate::prepare::{RepairCounts, prepare};
 use crate::report::{BackendReport, JsonReport, SCHEMA, peak_memory_bytes, print};
@@ -33,7 +33,7 @@ const EXAMPLES: &str = "  \
 #[derive(Args, Debug)]
 #[command(override_usage = "hemicube inspect [OPTIONS] SCENE", after_long_help = examples(EXAMPLES, true))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = SCENE, long_help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
@@ -59,7 +59,6 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
-            .reports(&self.report)
     }
 }
 
@@ -68,7 +67,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let Some(path) = arguments.scene.as_deref() else {
         bail!("a scene is needed")
     };
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render, arguments.render.work())?;
     let (reading, preparing) = (peak_memory_bytes(), processor_seconds());
@@ -100,12 +99,12 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     )?;
     // In vast scenes, reading and cutting them takes more than the rows do.
     forecast.memory_bytes = forecast.memory_bytes.max(reading);
-    if arguments.report.no_timings {
+    let timed = talk.verbose || !arguments.report.json;
+    if !timed {
         (forecast.seconds, forecast.seconds_range) = (None, None);
         forecast.memory_bytes = None;
     }
     let device = backend.info().clone();
-    let timed = !arguments.report.no_timings;
     let report = Report {
         schema: SCHEMA,
         program: "hemicube",
@@ -145,8 +144,8 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         peak_memory_bytes: peak_memory_bytes().filter(|_| timed),
         inputs: vec![prepared.input],
     };
-    if !arguments.report.is_to_stdout() {
-        print(&text(&report))?;
+    if !arguments.report.json {
+        print(&text(&report, talk.verbose))?;
     }
     for warning in &prepared.scene.ledger.sentences() {
         talk.warn(warning);

@@ -16,10 +16,10 @@ mod lines;
 mod menus;
 mod settings;
 
-use crate::args::{LogFormat, Talk};
-use crate::exit::{Exit, hinted};
+use crate::args::{Color, LogFormat, Talk};
+use crate::exit::Exit;
 use crate::{progress, report};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use ask::{Ask, Left};
 use clap::Args;
 use dialogue::{Dialogue, Ended, Run};
@@ -37,17 +37,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 const AFTER_INTERACTIVE_HELP: &str = "\
 Examples:
   hemicube
-  hemicube interactive --scenes ~/scenes
-  hemicube interactive --plain <answers     # a line for each question
+  hemicube interactive ~/scenes
+  hemicube interactive <answers     # a line for each question
 Keys:
   arrow keys, Enter  choose; or type the number, or a part of the name
   Tab                complete a path
   Esc, Ctrl-D        back; at the first menu, exit
   Ctrl-C             exit; while a command runs, end that, and come back
 Environment:
-  TERM                  dumb, or nothing: numbered lines in place of menus
+  TERM                  dumb, or nothing: numbered lines in place of menus, as without a terminal
   NO_COLOR              no colours
-  HEMICUBE_SCENES       as `--scenes`
+  HEMICUBE_SCENES       as DIR
   HEMICUBE_NAME         as in `hemicube compute --help`, of which the dialogue shows the values
 Exit status, whatever that of the commands was:
   0    left by the exit, by Esc, or at the end of the input
@@ -59,11 +59,8 @@ Exit status, whatever that of the commands was:
 #[command(after_long_help = AFTER_INTERACTIVE_HELP)]
 pub(crate) struct Arguments {
     /// Look for scenes in DIR, too; as `scenes = "DIR"` in a file of settings, always
-    #[arg(long, value_name = "DIR")]
+    #[arg(value_name = "DIR")]
     pub(crate) scenes: Option<PathBuf>,
-    /// Ask by numbered lines in place of menus: for screen readers, and for scripts that answer
-    #[arg(long)]
-    pub(crate) plain: bool,
 }
 
 /// Returns whether somebody can be asked: a program without arguments then starts the dialogue.
@@ -73,18 +70,12 @@ pub(crate) fn is_wanted() -> bool {
 
 pub(crate) fn run(arguments: &Arguments, definition: clap::Command, talk: Talk) -> Result<Exit> {
     let has_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
-    if !arguments.plain && !has_terminal {
-        return Err(hinted(
-            anyhow!("`hemicube interactive` asks questions, and standard input and error are no terminal"),
-            "`--plain` reads answers from any input, a line each; `hemicube --help` lists the commands",
-        ));
-    }
     let session = Arc::new(Session {
         program: std::env::current_exe().context("the program does not find itself")?,
         called: called(std::env::args_os().next()),
         ..Session::default()
     });
-    let is_plain = arguments.plain || progress::is_dumb(std::env::var_os("TERM").as_deref());
+    let is_plain = !has_terminal || progress::is_dumb(std::env::var_os("TERM").as_deref());
     session.watch(is_plain)?;
     let mut front = front(is_plain);
     let mut runner = Runner {
@@ -138,6 +129,8 @@ fn common(talk: Talk) -> Vec<OsString> {
         (talk.verbose, "--verbose"),
         (talk.no_progress && !by_variable, "--no-progress"),
         (talk.log_format == LogFormat::Json, "--log-format=json"),
+        (talk.color == Color::Always, "--color=always"),
+        (talk.color == Color::Never, "--color=never"),
     ];
     flags
         .iter()

@@ -17,9 +17,8 @@ pub(crate) struct Arguments {
     #[arg(value_name = "DIR")]
     pub(crate) directory: PathBuf,
 }
-/// Print a script that completes command lines in a shell
+/// Print a script that completes command lines in a shell: `hemicube completions bash`
 #[derive(Args, Debug)]
-#[command(hide = true)]
 pub(crate) struct Completions {
     /// The shell
     #[arg(value_name = "SHELL")]

@@ -111,8 +111,8 @@ impl SolverWriter for Calculix {
 
     fn next(&self, _: &Faces<'_>, _: &Found, paths: &[PathBuf]) -> String {
         format!(
-            "CalculiX: `*VIEWFACTOR, READ, INPUT={}` in the step; its version is to be the one written \
-             (`--program-version`)",
+            "CalculiX: `*VIEWFACTOR, READ, INPUT={}` in the step; CalculiX must have the \
+             version that the file is written for",
             paths[0].display()
         )
     }

@@ -68,7 +68,7 @@ impl SolverWriter for EnergyPlus {
     fn write(&self, job: &SolverJob<'_>, files: &mut [Cancellable<'_>]) -> Result<()> {
         let faces = job.faces;
         let Some(zone) = job.options.zone else {
-            return Err(faces.unfit("no zone is named", "name the zone or enclosure by `--zone NAME`"));
+            return Err(faces.unfit("no zone is named", UnfitStep::NameZone));
         };
         if let Some(c) = forbidden(zone) {
             return Err(faces.unfit(
@@ -191,7 +191,7 @@ fn is_one_enclosure(faces: &Faces<'_>) -> std::result::Result<(), Error> {
         None => Ok(()),
         Some(other) => Err(faces.unfit(
             format!("{} and {} are of two enclosures", faces.named(0), faces.named(other)),
-            "compute each zone by itself, and export it with its own `--zone`",
+            UnfitStep::ZoneByZone,
         )),
     }
 }

@@ -248,9 +248,11 @@ pub(super) fn findings(model: &Model, order: &[u32], grain: Option<Grain>, optio
             FindingKind::Crossing,
             of,
             None,
-            "cut them finer (`--subdivide 1` or more, or `--patch-size`), or along each other in the modeller; with a \
-             `--tolerance` each is seen from several points, where a single hemicube errs"
-                .to_owned(),
+            Advice::new(
+                "cut them finer, or along each other in the modeller; to a tolerance each is seen from several points, \
+                 where a single hemicube errs",
+                [Remedy::Split],
+            ),
         ),
         all.overlap.finding(
             FindingKind::Overlap,
@@ -264,9 +266,11 @@ pub(super) fn findings(model: &Model, order: &[u32], grain: Option<Grain>, optio
             FindingKind::NearContact,
             of,
             None,
-            "delete both (walls between joined houses), or leave them out with `--emitters`: their rows hold little \
-             but each other"
-                .to_owned(),
+            Advice::new(
+                "delete both (walls between joined houses), or compute rows of the others only: theirs hold little but \
+                 each other",
+                [Remedy::Emitters],
+            ),
         ),
         all.cracks.finding(
             FindingKind::Crack,

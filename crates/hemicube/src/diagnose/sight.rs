@@ -91,16 +91,20 @@ fn buried(model: &Model, order: &[u32], threads: usize) -> Vec<Finding> {
             FindingKind::Buried,
             of,
             whole,
-            "delete them, turn them round if they face the wrong way, `--two-sided=on` if they are sheets; their rows \
-             are `blocked`, not wrong"
-                .to_owned(),
+            Advice::new(
+                "delete them, turn them round if they face the wrong way, make both sides patches if they are sheets; \
+                 their rows are `blocked`, not wrong",
+                [Remedy::Flip, Remedy::TwoSided],
+            ),
         ),
         all.at_centroid.finding(
             FindingKind::CentroidBuried,
             of,
             whole,
-            "cut them (`--subdivide 2`), so that what is inside and what is outside become patches of their own"
-                .to_owned(),
+            Advice::new(
+                "cut them, so that what is inside and what is outside become patches of their own",
+                [Remedy::Split],
+            ),
         ),
         all.mostly.finding(
             FindingKind::MostlyBlocked,
@@ -203,9 +207,10 @@ fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
     }
     all.longest.sort_unstable_by(f64::total_cmp);
     let median = all.longest.get(all.longest.len() / 2).copied().unwrap_or(0.0);
-    let next = format!(
-        "{}; a smaller `--tolerance` looks from more points of each",
-        how_to_cut(model, &rounded(0.5 * median / scale_of(model)))
+    let (cut, remedy) = how_to_cut(model, &rounded(0.5 * median / scale_of(model)));
+    let next = Advice::new(
+        format!("{cut}; a smaller tolerance looks from more points of each"),
+        [remedy, Remedy::Tolerance],
     );
     all.tally.finding(
         FindingKind::LargePatch,
@@ -219,7 +224,7 @@ fn large(model: &Model, order: &[u32], threads: usize) -> Option<Finding> {
 const TIMES_MAX: f64 = 20.0;
 
 /// Advice to cut patches to `length`, with the number of patches.
-fn how_to_cut(model: &Model, length: &str) -> String {
+fn how_to_cut(model: &Model, length: &str) -> (String, Remedy) {
     let surfaces = model.patches().surfaces();
     let times = length.parse().map_or(f64::INFINITY, |length| {
         let pieces = surfaces
@@ -228,12 +233,12 @@ fn how_to_cut(model: &Model, length: &str) -> String {
         pieces.sum::<f64>() / surfaces.len().max(1) as f64
     });
     if times > TIMES_MAX {
-        "cut all (`--subdivide 1` halves them), for patches differ too much in size for one `--patch-size`".to_owned()
+        ("cut all, for patches differ too much in size for one length".to_owned(), Remedy::Split)
     } else {
-        format!(
-            "cut them: `--patch-size {length}` is half their size and makes {times:.1} times as many patches of the \
-             scene"
-        )
+        let text = format!(
+            "cut them: no longer than {length}, half their size, is {times:.1} times as many patches of the scene"
+        );
+        (text, Remedy::PatchSize(length.to_owned()))
     }
 }
 

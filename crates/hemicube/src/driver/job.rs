@@ -149,8 +149,8 @@ pub enum Stage {
 pub enum Note<'a> {
     /// The reason of the accuracy level.
     Level(&'a str),
-    /// The reason of the storage policy.
-    Storage(&'a str),
+    /// The storage that was chosen because the scene is large.
+    Storage(&'a StoragePolicy),
     /// The trial hemicubes behind the choice of culling.
     Culling(&'a Probe),
 }
@@ -216,8 +216,8 @@ pub enum JobError {
     },
     /// A patch has triangles with different mirrors or panes.
     #[error(
-        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ; compute by \
-         `--patches {by}`",
+        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ; compute rows by \
+         {by}",
         kind.name()
     )]
     MixedOptics {
@@ -384,8 +384,8 @@ impl Job {
         if let Some(reason) = &level.reason {
             observer.note(Note::Level(reason));
         }
-        if let Some(reason) = &policy.reason {
-            observer.note(Note::Storage(reason));
+        if policy.is_form_chosen || policy.is_min_factor_chosen {
+            observer.note(Note::Storage(&policy));
         }
         let mut render = RenderSettings {
             resolution: level.resolution,

@@ -19,14 +19,15 @@ pub const FINE_TOLERANCE: f64 = 0.003;
 /// use hemicube::store::Form;
 ///
 /// let small = StoragePolicy::choose(None, None, 140_000, None);
-/// assert_eq!((small.form, small.min_factor, small.reason), (Form::Plain, 0.0, None));
+/// assert_eq!((small.form, small.min_factor, small.reason()), (Form::Plain, 0.0, None));
 ///
 /// let large = StoragePolicy::choose(None, None, 1_500_000, None);
 /// assert_eq!((large.form, large.min_factor), (Form::Compact, 1e-7));
-/// assert!(large.reason.is_some_and(|reason| reason.contains("below 1e-7 left out")));
+/// assert!(large.is_form_chosen && large.is_min_factor_chosen);
+/// assert!(large.reason().is_some_and(|reason| reason.contains("below 1e-7 left out")));
 ///
 /// let all = StoragePolicy::choose(Some(Form::Plain), Some(0.0), 1_500_000, None);
-/// assert_eq!((all.form, all.min_factor, all.reason), (Form::Plain, 0.0, None));
+/// assert_eq!((all.form, all.min_factor, all.reason()), (Form::Plain, 0.0, None));
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoragePolicy {
@@ -34,8 +35,10 @@ pub struct StoragePolicy {
     pub form: Form,
     /// Smaller form factors are left out; 0: none.
     pub min_factor: f64,
-    /// The choices made because the scene is large, and the settings for others.
-    pub reason: Option<String>,
+    /// True if the form is not asked for, and compact because the scene is large.
+    pub is_form_chosen: bool,
+    /// True if the least form factor is not asked for, and above 0 because the scene is large.
+    pub is_min_factor_chosen: bool,
 }
 
 impl StoragePolicy {
@@ -45,27 +48,20 @@ impl StoragePolicy {
     /// The rows computed do not matter.
     pub fn choose(form: Option<Form>, min_factor: Option<f64>, patches: u32, tolerance: Option<f64>) -> Self {
         let is_large = patches >= LARGE && tolerance.is_none_or(|tolerance| tolerance >= FINE_TOLERANCE);
-        let mut chosen = Vec::new();
-        let mut otherwise = Vec::new();
-        if is_large && form.is_none() {
-            chosen.push("compact form".to_owned());
-            otherwise.push("--store plain");
-        }
-        if is_large && min_factor.is_none() {
-            chosen.push(format!("form factors below {LEAST_OF_LARGE:e} left out"));
-            otherwise.push("--min-factor 0");
-        }
         Self {
+            is_form_chosen: is_large && form.is_none(),
+            is_min_factor_chosen: is_large && min_factor.is_none(),
             form: form.unwrap_or(if is_large { Form::Compact } else { Form::Plain }),
             min_factor: min_factor.unwrap_or(if is_large { LEAST_OF_LARGE } else { 0.0 }),
-            reason: (!chosen.is_empty()).then(|| {
-                format!(
-                    "{}, as there are a million patches and more; `{}` otherwise",
-                    chosen.join(", "),
-                    otherwise.join(" "),
-                )
-            }),
         }
+    }
+
+    /// The choices made because the scene is large; `None` without any.
+    pub fn reason(&self) -> Option<String> {
+        let form = self.is_form_chosen.then(|| "compact form".to_owned());
+        let left_out = || format!("form factors below {LEAST_OF_LARGE:e} left out");
+        let chosen: Vec<String> = form.into_iter().chain(self.is_min_factor_chosen.then(left_out)).collect();
+        (!chosen.is_empty()).then(|| format!("{}, as there are a million patches and more", chosen.join(", ")))
     }
 }
 
@@ -81,20 +77,17 @@ mod tests {
             (Form::Compact, LEAST_OF_LARGE)
         );
         assert_eq!((kept(0.001).form, kept(0.001).min_factor), (Form::Plain, 0.0));
-        assert_eq!(kept(0.001).reason, None);
+        assert_eq!(kept(0.001).reason(), None);
     }
 
     #[test]
     fn what_was_asked_for_stays() {
         let kept = StoragePolicy::choose(Some(Form::Plain), None, LARGE, None);
         assert_eq!((kept.form, kept.min_factor), (Form::Plain, LEAST_OF_LARGE));
-        let reason = kept.reason.expect("something was chosen");
-        assert!(
-            reason.contains("--min-factor 0") && !reason.contains("compact"),
-            "{reason}"
-        );
+        let reason = kept.reason().expect("something was chosen");
+        assert!(reason.contains("left out") && !reason.contains("compact"), "{reason}");
         let kept = StoragePolicy::choose(None, Some(1e-5), LARGE, None);
         assert_eq!((kept.form, kept.min_factor), (Form::Compact, 1e-5));
-        assert_eq!(StoragePolicy::choose(None, None, LARGE - 1, None).reason, None);
+        assert_eq!(StoragePolicy::choose(None, None, LARGE - 1, None).reason(), None);
     }
 }

@@ -144,7 +144,7 @@ fn compare_normal(normal: DVec3, corners: &[DVec3], ledger: &mut Ledger, face: u
         let kind = Kind {
             fate: Fate::Doubtful,
             what: "facet whose normal contradicts the order of its vertices, which is followed",
-            next: "if normals are right, turn its object by `--flip`, or make normals anew in the modeller",
+            next: "if normals are right, turn its object round, or make normals anew in the modeller",
         };
         let area = 0.5 * (b - a).cross(c - a).length();
         ledger.lose(kind, 1, Some(area), || format!("facet {face}"));

@@ -561,7 +561,7 @@ impl<'a> Reader<'a> {
         }
         if obstructions > 0 {
             scene.ledger.warnings.push(format!(
-                "{obstructions} obstruction surfaces emit and receive here unless `--occluders 'obstruction*'` is given"
+                "{obstructions} obstruction surfaces emit and receive here, unless `obstruction*` are asked to occlude only"
             ));
         }
         scene.objects = objects.names;
@@ -781,6 +781,6 @@ mod tests {
         )
         .unwrap();
         assert_eq!(scene.objects[1], "obstruction 2");
-        assert!(scene.ledger.warnings[0].contains("--occluders 'obstruction*'"));
+        assert!(scene.ledger.warnings[0].contains("`obstruction*` are asked to occlude only"));
     }
 }

@@ -636,8 +636,8 @@ fn require_square(store: &Store) -> Result<()> {
         return Err(Error::unsupported(
             store.directory(),
             format!(
-                "has rows for {} of {} patches, and closure and reciprocity need all; compute it without `--rows`, \
-                 `--sample-rows`, `--emitters` and `--occluders` (`--min-factor` alone balances each row by itself)",
+                "has rows for {} of {} patches, and closure and reciprocity need all: compute it with all rows \
+                 (leaving out small form factors balances each row by itself)",
                 manifest.row_count, manifest.patch_count
             ),
         ));
@@ -651,8 +651,8 @@ fn require_square(store: &Store) -> Result<()> {
     if is_selected && manifest.parts.iter().any(|part| part.sums.unselected > 0) {
         return Err(Error::unsupported(
             store.directory(),
-            "has columns for selected receivers only, and closure and reciprocity need all; compute it without \
-             `--receivers` and `--occluders` (`--min-factor` alone balances each row by itself)",
+            "has columns for selected receivers only, and closure and reciprocity need all: compute it with all \
+             columns (leaving out small form factors balances each row by itself)",
         ));
     }
     Ok(())

@@ -757,11 +757,11 @@ impl Tally {
             None => return,
             Some(Outwards::All) => {
                 "the model is wound outwards throughout: a closed surface around it sees nothing, and what it encloses \
-                 sees its own inside only; `hemicube inspect SCENE` says more, and `--flip all` turns the model round"
+                 sees its own inside only"
             }
             Some(Outwards::Shell) => {
                 "the closed surface around the model is wound outwards: it sees nothing, and what it encloses does not \
-                 see it; `hemicube inspect SCENE` names its objects, and `--flip NAME` turns them round"
+                 see it"
             }
         };
         self.fail(Check::Winding, first.to_owned());
@@ -771,8 +771,7 @@ impl Tally {
         if self.entries == 0 && self.closure.rows > 0 && store.manifest().complete {
             let share = |lost: f64| 100.0 * lost / self.closure.rows as f64;
             let first = format!(
-                "no patch sees another: {:.1} % of the view leaves the scene, {:.1} % is backs of one-sided surfaces; \
-                 `hemicube inspect SCENE` says why, and `--flip all` turns a model that is wound outwards",
+                "no patch sees another: {:.1} % of the view leaves the scene, {:.1} % is backs of one-sided surfaces",
                 share(self.lost[0]),
                 share(self.lost[1])
             );

@@ -107,8 +107,8 @@ fn require_all_rows(store: &Store) -> Result<()> {
     Err(Error::unsupported(
         store.directory(),
         format!(
-            "has rows of {rows} patches only, of {patches}; what the others send is not known: compute it without \
-             `--rows`, `--sample-rows`, `--emitters` and `--occluders`"
+            "has rows of {rows} patches only, of {patches}; what the others send is not known: compute it with \
+             all rows"
         ),
     ))
 }

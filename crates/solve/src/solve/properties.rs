@@ -40,7 +40,42 @@ pub struct PropertyError {
     /// The thing and the reason.
     pub reason: String,
     /// The next step, where there is one.
-    pub step: Option<String>,
+    pub step: Option<PropertyStep>,
+}
+
+/// What helps against a [`PropertyError`]; front ends have their own words for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PropertyStep {
+    /// In words.
+    Words(String),
+    /// Leave the scene's properties out.
+    WithoutScene,
+    /// Give each surface a reflectance: the scene's file may have some.
+    Reflectance,
+    /// Give each surface an emissivity and a condition.
+    Thermal,
+    /// Give each surface an emissivity.
+    Emissivity,
+    /// Compute the matrix by one of these kinds of patches; or give this surface a value in a table of its object.
+    Patches {
+        /// The kinds.
+        kinds: [PatchKind; 2],
+        /// The surface, where a table of its object helps.
+        table_of: Option<String>,
+    },
+}
+
+impl From<String> for PropertyStep {
+    fn from(words: String) -> Self {
+        Self::Words(words)
+    }
+}
+
+impl From<&str> for PropertyStep {
+    fn from(words: &str) -> Self {
+        Self::Words(words.to_owned())
+    }
 }
 
 impl PropertyError {
@@ -51,7 +86,7 @@ impl PropertyError {
         }
     }
 
-    fn with(reason: impl Into<String>, step: impl Into<String>) -> Self {
+    fn with(reason: impl Into<String>, step: impl Into<PropertyStep>) -> Self {
         Self {
             reason: reason.into(),
             step: Some(step.into()),
@@ -405,11 +440,14 @@ impl Properties {
             return Err(PropertyError::new("`bands` names no band"));
         }
         if scene.is_some() && bands.len() != RGB.len() {
-            return Err(PropertyError::new(format!(
-                "the scene's reflectances are of {} bands and the file's of {}; leave out `--scene`",
-                RGB.len(),
-                bands.len()
-            )));
+            return Err(PropertyError::with(
+                format!(
+                    "the scene's reflectances are of {} bands and the file's of {}",
+                    RGB.len(),
+                    bands.len()
+                ),
+                PropertyStep::WithoutScene,
+            ));
         }
         let notes = objects_called_materials(named, &mut tables);
         check_conditions(&tables)?;
@@ -497,14 +535,17 @@ impl Properties {
                 let (several, step) = match level {
                     Level::Object => (
                         "objects",
-                        "compute the matrix by `--patches object` or `--patches face`".to_owned(),
+                        PropertyStep::Patches {
+                            kinds: [PatchKind::Object, PatchKind::Face],
+                            table_of: None,
+                        },
                     ),
                     _ => (
                         "materials",
-                        format!(
-                            "give {name} one in a table of its object, or compute the matrix by `--patches face` or \
-                             `--patches material`"
-                        ),
+                        PropertyStep::Patches {
+                            kinds: [PatchKind::Face, PatchKind::Material],
+                            table_of: Some(name.clone()),
+                        },
                     ),
                 };
                 let value = value.name();
@@ -551,8 +592,7 @@ impl Properties {
         }
         Err(PropertyError::with(
             format!("no reflectance is known of {}", short_list(&missing)),
-            "`--scene SCENE` takes those of the scene's file, `--materials FILE` names others; its table `[default]` \
-             is for all that have none",
+            PropertyStep::Reflectance,
         ))
     }
 
@@ -626,8 +666,7 @@ impl Properties {
         };
         Err(PropertyError::with(
             format!("{what} known of {}", short_list(&missing)),
-            "`--materials FILE` names them: `emissivity = 0.9`, `temperature = 300` (kelvin), or `adiabatic = true`; \
-             its table `[default]` is for all that have none",
+            PropertyStep::Thermal,
         ))
     }
 
@@ -662,7 +701,7 @@ impl Properties {
         }
         Err(PropertyError::with(
             format!("no emissivity is known of {}", short_list(&missing)),
-            "`--materials FILE` names it: `emissivity = 0.9`; its table `[default]` is for all that have none",
+            PropertyStep::Emissivity,
         ))
     }
 

@@ -1,7 +1,7 @@
 //! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit. A
 //! crash or a hang is a result like any other.
 
-use crate::args::Report as ReportArguments;
+use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::{Exit, hinted};
 use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
@@ -15,7 +15,6 @@ use hemicube_conformance::{Case, Outcome, cases, run as run_case};
 use hemicube_host::Options;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
-use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -38,9 +37,6 @@ pub(crate) struct Arguments {
     /// The backend: a name, or the file of one
     #[arg(value_name = "NAME|PATH")]
     pub(crate) backend: String,
-    /// Look for backends in DIR first
-    #[arg(long, value_name = "DIR", env = "HEMICUBE_BACKEND_DIR", hide_env = true)]
-    pub(crate) backend_dir: Option<PathBuf>,
     /// An option of the backend, such as `device=1` (repeatable)
     #[arg(long, value_name = "KEY=VALUE")]
     pub(crate) backend_option: Vec<String>,
@@ -64,7 +60,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        Paths::default().reports(&self.report)
+        Paths::default()
     }
 }
 
@@ -146,7 +142,7 @@ impl Answer {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
+pub(super) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if arguments.backend == BUILT_IN && !arguments.backend_option.is_empty() {
         bail!("backend `{BUILT_IN}` has no options, and `--backend-option` is given");
     }
@@ -163,7 +159,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
             "cases are called `scene/check`, such as `room/culling`; `--only 'room/*'` runs those of a scene",
         ));
     }
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     // The backend is never loaded into this process: its faults are results.
     let opened = match in_child(arguments, OPEN)?.0 {
         Answer::Opened(opened) => opened,
@@ -195,7 +191,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
         reports.push(CaseReport {
             case: name,
             answer,
-            seconds: (!arguments.report.no_timings).then_some(seconds),
+            seconds: talk.verbose.then_some(seconds),
         });
     }
     let held = chosen.len() - broken - not_claimed;
@@ -222,7 +218,7 @@ fn answer(arguments: &Arguments, case: &str) -> Result<Exit> {
     let mut backend: Box<dyn HemicubeBackend> = if arguments.backend == BUILT_IN {
         Box::new(CpuBackend::new())
     } else {
-        let opened = registry(arguments.backend_dir.as_deref()).open(&arguments.backend, &options);
+        let opened = registry().open(&arguments.backend, &options);
         match opened {
             Ok(backend) => Box::new(backend),
             Err(error) => return say(&Answer::Refused(error.to_string())),
@@ -248,9 +244,6 @@ fn in_child(arguments: &Arguments, case: &str) -> Result<(Answer, f64)> {
     let program = std::env::current_exe().context("the program's own path cannot be found")?;
     let mut command = Command::new(program);
     command.args(["backends", "check", "--case", case]);
-    if let Some(folder) = &arguments.backend_dir {
-        command.arg("--backend-dir").arg(folder);
-    }
     for option in &arguments.backend_option {
         command.arg("--backend-option").arg(option);
     }

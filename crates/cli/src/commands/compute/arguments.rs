@@ -3,7 +3,7 @@
 use crate::args::{
     AutoSwitch, ConfigFiles, RenderSettings, Report, SceneSettings, SelectionSettings, ShardChoice, number, share,
 };
-use crate::help::{examples, scene_help};
+use crate::help::{SCENE, examples, scene_help};
 use crate::outputs::Paths;
 use crate::portals::PortalSettings;
 use crate::report::matrix_of;
@@ -17,20 +17,22 @@ use std::path::PathBuf;
 #[command(override_usage = "hemicube compute [OPTIONS] SCENE [-o DIR]", after_long_help = examples(
     "  hemicube compute room.obj -o room.hemicube
   hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
-  hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
-  hemicube compute city.obj -o city.hemicube --shard 3/16    then: hemicube merge city.hemicube
-  hemicube compute house.obj -o house.hemicube --patches object     form factors between objects
+  hemicube compute city.obj -o sample.hemicube --rows 1% --seed 7
+  hemicube compute city.obj -o city.hemicube --shard 3/16     # then: hemicube merge city.hemicube
+  hemicube compute house.obj -o house.hemicube --by object    # form factors between objects
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
-  hemicube compute room.obj -o fine.hemicube --subdivide 4 --json=fine.json",
+  hemicube compute room.obj -o fine.hemicube --split 16 --json > fine.json",
     true,
 ))]
 pub(crate) struct Arguments {
-    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = scene_help())]
+    #[arg(value_name = "SCENE", required_unless_present = "print_config", help = SCENE, long_help = scene_help())]
     pub(crate) scene: Option<PathBuf>,
-    /// The directory to write the matrix to; `room.hemicube` here for `room.obj`, where none is given
+    /// The directory to write [default: SCENE.hemicube, here]
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace a matrix that is there, instead of going on with it
+    /// Replace a matrix that is there
+    ///
+    /// Without it, the same settings resume an unfinished matrix, and others are refused.
     #[arg(long)]
     pub(crate) overwrite: bool,
     #[command(flatten)]
@@ -39,12 +41,14 @@ pub(crate) struct Arguments {
     pub(crate) render: RenderSettings,
     #[command(flatten)]
     pub(crate) process: ProcessSettings,
-    /// Measure the error of ROWS of the rows against rays; exit 1 when it is above the tolerance
+    /// Measure the error of ROWS random rows by rays
+    ///
+    /// Exit 1 when it is above the tolerance.
     #[arg(
         long,
         value_name = "ROWS",
         value_parser = clap::value_parser!(u32).range(1..),
-        help_heading = "Rows and columns"
+        help_heading = "Matrix"
     )]
     pub(crate) verify: Option<u32>,
     /// Skip what cannot be seen; the matrix is the same
@@ -53,7 +57,7 @@ pub(crate) struct Arguments {
         value_name = "auto|on|off",
         default_value = "auto",
         hide_possible_values = true,
-        help_heading = "Hemicubes",
+        help_heading = "Matrix",
         hide_short_help = true
     )]
     pub(crate) culling: AutoSwitch,
@@ -66,35 +70,40 @@ pub(crate) struct Arguments {
         hide = true
     )]
     pub(crate) batch: u32,
-    /// Rows and columns: triangle, face, object or material
+    /// What a row is: triangle, face, object or material
     #[arg(
-        long = "patches",
+        long = "by",
         value_name = "KIND",
         default_value = "triangle",
+        hide_default_value = true,
         hide_possible_values = true,
-        help_heading = "Rows and columns"
+        help_heading = "Matrix"
     )]
-    pub(crate) kind: Kind,
+    pub(crate) by: Kind,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
     #[command(flatten)]
     pub(crate) portals: PortalSettings,
-    /// plain: f32, opens in SciPy; compact: a third to a quarter, F within 0.05 %; double: f64; auto: by size
+    /// Of the files: auto, plain, compact or double
+    ///
+    /// plain: f32, 8 bytes an entry; compact: 2 to 4 bytes, F within 0.05 %; double: f64, 12 bytes; auto: plain, and
+    /// compact from a million patches on.
     #[arg(
         long,
-        value_name = "auto|plain|compact|double",
+        value_name = "FORM",
         default_value = "auto",
+        hide_default_value = true,
         hide_possible_values = true,
-        help_heading = "What is kept"
+        help_heading = "Matrix"
     )]
-    pub(crate) store: StoreForm,
-    /// Leave out form factors below F, 1e-7 from a million patches on; the others of a row share what they carried
+    pub(crate) form: StoreForm,
+    /// Leave out form factors below F and rescale the row [default: 0; 1e-7 from a million patches on]
     #[arg(
         long,
         value_name = "F",
         value_parser = share_or_none,
         allow_negative_numbers = true,
-        help_heading = "What is kept",
+        help_heading = "Matrix",
         hide_short_help = true
     )]
     pub(crate) min_factor: Option<f64>,
@@ -121,15 +130,16 @@ impl Arguments {
             .reads(&self.portals.file())
             .makes(&self.output)
             .tells("--progress-file", &self.process.progress_file)
-            .reports(&self.report)
     }
 }
 
 /// Distribution, limits and progress of a long run. They do not change the matrix.
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "Long runs")]
+#[command(next_help_heading = "Run")]
 pub(crate) struct ProcessSettings {
-    /// Compute share I of N; auto: as Slurm, MPI or Kubernetes says
+    /// Compute share I of N; auto: as the scheduler says
+    ///
+    /// By the variables of Slurm, MPI or Kubernetes.
     #[arg(long, value_name = "I/N|auto", conflicts_with_all = ["overwrite", "verify"])]
     pub(crate) shard: Option<ShardChoice>,
     /// Write how far it has come to FILE (JSON), once a second

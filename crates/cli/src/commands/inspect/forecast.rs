@@ -1,6 +1,6 @@
 //! The forecast of a matrix: entries, bytes, memory and seconds, from the hemicubes of a random sample of patches.
 
-use crate::args::{RenderSettings as RenderArguments, Switch};
+use crate::args::RenderSettings as RenderArguments;
 use crate::clock::processor_seconds;
 use crate::forecast::{self, Rows, steps};
 use crate::prepare::BUILT_IN;
@@ -103,7 +103,7 @@ impl Sight {
             hemicubes: 0,
             triangles_transformed: 0,
         };
-        let rotate = render.rotation == Switch::On;
+        let rotate = true;
         let mut block = RowBlock::default();
         for &patch in &plan.rows {
             let hemicubes = model.hemicubes(patch, render.samples.per_edge, rotate);
@@ -352,7 +352,7 @@ pub(super) fn forecast(
     prepared: f64,
     backend: &mut dyn HemicubeBackend,
 ) -> Result<Forecast> {
-    let rotate = render.rotation == Switch::On;
+    let rotate = true;
     let plan = |choice| Plan::new(model, choice, Selection::default(), render.samples.per_edge, rotate);
     let settings = RenderSettings {
         resolution: render.resolution,

@@ -106,7 +106,7 @@ pub(super) fn grid(arguments: &Arguments, prepared: &Prepared, horizon: &Horizon
             horizon,
             &chosen,
             step,
-            arguments.offset.unwrap_or(OFFSET * step),
+            OFFSET * step,
         ),
     }
 }

@@ -5,47 +5,47 @@ use crate::report::{BackendReport, Input};
 use serde::Serialize;
 
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Skipped {
-    pub(super) name: String,
+pub(crate) struct Skipped {
+    pub(crate) name: String,
     /// Nominal seconds for the sampled rows.
-    pub(super) nominal_seconds: f64,
+    pub(crate) nominal_seconds: f64,
 }
 
 #[derive(Debug, Serialize)]
-pub(in crate::commands) struct ReferenceReport {
-    pub(super) target: f64,
-    pub(in crate::commands) noise: f64,
-    pub(super) rays: u64,
+pub(crate) struct ReferenceReport {
+    pub(crate) target: f64,
+    pub(crate) noise: f64,
+    pub(crate) rays: u64,
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct Recommendation {
-    pub(super) name: String,
-    pub(super) command: String,
+pub(crate) struct Recommendation {
+    pub(crate) name: String,
+    pub(crate) command: String,
     /// Upper end of the error, within the tolerance.
-    pub(super) error: f64,
-    pub(super) milliseconds_per_row: f64,
-    pub(super) seconds_for_all_rows: f64,
+    pub(crate) error: f64,
+    pub(crate) milliseconds_per_row: f64,
+    pub(crate) seconds_for_all_rows: f64,
     /// Upper end of the matrix's error, by the sampled rows.
-    pub(super) error_of_matrix: f64,
+    pub(crate) error_of_matrix: f64,
 }
 
 /// The report of `--json`.
 #[derive(Serialize)]
-pub(in crate::commands) struct Report {
-    pub(super) schema: u32,
-    pub(super) program: &'static str,
-    pub(super) version: &'static str,
-    pub(super) inputs: Vec<Input>,
-    pub(in crate::commands) patches: u64,
-    pub(super) backend: BackendReport,
-    pub(super) threads: usize,
-    pub(super) tolerance: f64,
-    pub(in crate::commands) sampled_rows: usize,
-    pub(super) seed: u64,
-    pub(in crate::commands) reference: ReferenceReport,
-    pub(in crate::commands) trials: Vec<Trial>,
-    pub(super) skipped: Vec<Skipped>,
+pub(crate) struct Report {
+    pub(crate) schema: u32,
+    pub(crate) program: &'static str,
+    pub(crate) version: &'static str,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) patches: u64,
+    pub(crate) backend: BackendReport,
+    pub(crate) threads: usize,
+    pub(crate) tolerance: f64,
+    pub(crate) sampled_rows: usize,
+    pub(crate) seed: u64,
+    pub(crate) reference: ReferenceReport,
+    pub(crate) trials: Vec<Trial>,
+    pub(crate) skipped: Vec<Skipped>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) recommended: Option<Recommendation>,
+    pub(crate) recommended: Option<Recommendation>,
 }

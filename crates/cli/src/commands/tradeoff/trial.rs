@@ -16,77 +16,77 @@ const AS_GOOD: f64 = 1.05;
 
 /// A setting with its measurements.
 #[derive(Clone, Debug, Serialize)]
-pub(in crate::commands) struct Trial {
-    pub(in crate::commands) name: String,
-    pub(in crate::commands) rung: &'static str,
-    pub(super) tolerance: Option<f64>,
+pub(crate) struct Trial {
+    pub(crate) name: String,
+    pub(crate) rung: &'static str,
+    pub(crate) tolerance: Option<f64>,
     /// Hemicubes a patch.
-    pub(super) samples: u32,
-    pub(super) resolution: u32,
+    pub(crate) samples: u32,
+    pub(crate) resolution: u32,
     /// Options of `compute` for this setting.
-    pub(super) words: String,
-    pub(super) entries: u64,
-    pub(in crate::commands) measured: Measured,
-    /// Left out with `--no-timings`: a clock decides it.
+    pub(crate) words: String,
+    pub(crate) entries: u64,
+    pub(crate) measured: Measured,
+    /// Only with `-v`: a clock decides it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) timing: Option<Timing>,
+    pub(crate) timing: Option<Timing>,
     #[serde(skip)]
     pub(super) setting: Setting,
 }
 
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(super) struct Timing {
-    pub(super) milliseconds_per_row: f64,
+pub(crate) struct Timing {
+    pub(crate) milliseconds_per_row: f64,
     /// Forecast for all rows with all threads.
-    pub(super) seconds_for_all_rows: f64,
-    pub(super) repeats: u32,
+    pub(crate) seconds_for_all_rows: f64,
+    pub(crate) repeats: u32,
     /// True if no cheaper setting is as good.
-    pub(super) front: bool,
+    pub(crate) front: bool,
 }
 
 impl Trial {
     /// Upper end of the error, within the reference's noise.
-    pub(super) fn bound(&self) -> f64 {
+    pub(crate) fn bound(&self) -> f64 {
         let high = self.measured.interval_of_rows.high;
         if high.is_nan() { f64::INFINITY } else { high }
     }
 
-    pub(in crate::commands) fn milliseconds(&self) -> f64 {
+    pub(crate) fn milliseconds(&self) -> f64 {
         self.timing.map_or(f64::INFINITY, |timing| timing.milliseconds_per_row)
     }
 
-    pub(super) fn is_on_front(&self) -> bool {
+    pub(crate) fn is_on_front(&self) -> bool {
         self.timing.is_some_and(|timing| timing.front)
     }
 }
 
 /// A setting being timed.
-pub(super) struct Timed {
+pub(crate) struct Timed {
     pub(super) setting: Setting,
-    pub(super) plan: Plan,
+    pub(crate) plan: Plan,
     /// Number of times so far.
-    pub(super) repeats: u32,
+    pub(crate) repeats: u32,
     /// The rows, equal in every repetition.
-    pub(super) parts: Vec<Part>,
+    pub(crate) parts: Vec<Part>,
     /// The least so far.
-    pub(super) milliseconds_per_row: f64,
+    pub(crate) milliseconds_per_row: f64,
 }
 
 /// The size of a whole run, for its forecast.
 #[derive(Clone, Copy)]
-pub(super) struct ForAllRows {
-    pub(super) patches: u64,
-    pub(super) threads: usize,
+pub(crate) struct ForAllRows {
+    pub(crate) patches: u64,
+    pub(crate) threads: usize,
 }
 
 impl Timed {
     /// Seconds of the sampled rows.
-    pub(super) fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         self.milliseconds_per_row * self.plan.rows.len() as f64 * 1e-3
     }
 
     /// Compares the rows with the reference.
-    pub(super) fn trial(self, exact: &[ReferenceRow], all: ForAllRows) -> Trial {
+    pub(crate) fn trial(self, exact: &[ReferenceRow], all: ForAllRows) -> Trial {
         let estimated: Vec<EstimatedRow> = self.parts.iter().flat_map(EstimatedRow::of_part).collect();
         let (rung, tolerance) = match self.setting.rung {
             Rung::Pixel => ("pixel", None),
@@ -112,7 +112,7 @@ impl Timed {
     }
 
     /// Computes the rows once more.
-    pub(super) fn run(&mut self, model: &Model, engine: &EngineSettings, cancel: &AtomicBool) -> Result<()> {
+    pub(crate) fn run(&mut self, model: &Model, engine: &EngineSettings, cancel: &AtomicBool) -> Result<()> {
         let settings = RenderSettings {
             resolution: self.setting.resolution,
             culling: Culling::On,
@@ -143,7 +143,7 @@ impl Timed {
 }
 
 /// Sorts trials by time, and marks those with no cheaper one as good.
-pub(super) fn mark_front(trials: &mut [Trial]) {
+pub(crate) fn mark_front(trials: &mut [Trial]) {
     trials.sort_by(|a, b| a.milliseconds().total_cmp(&b.milliseconds()));
     let mut best = f64::INFINITY;
     for trial in trials {

@@ -12,8 +12,6 @@ pub(super) struct Live<'a> {
     pub(super) resolution: u32,
     /// The first patch; otherwise the order of work begins.
     pub(super) first: Option<u32>,
-    /// Hemicubes until the window closes; otherwise the last stays in view.
-    pub(super) count: Option<u64>,
     pub(super) engine: &'a EngineSettings,
 }
 
@@ -100,10 +98,9 @@ mod window {
             let place = order.iter().position(|patch| patch.0 == first).unwrap_or(0);
             order.rotate_left(place);
         }
-        let wanted = usize::try_from(live.count.unwrap_or(u64::MAX)).unwrap_or(usize::MAX);
         let mut pixels = vec![word(WHITE); side * side];
         let mut shown = 0u64;
-        for &patch in order.iter().take(wanted) {
+        for &patch in &order {
             // Without an area there is no hemicube.
             let hemicubes = prepared.model.hemicubes(patch, 1, false);
             let Some(hemicube) = hemicubes.first() else { continue };
@@ -142,8 +139,8 @@ mod window {
                 window.update();
             }
         }
-        // The last stays in view, unless it was said how many are wanted.
-        while live.count.is_none() && window.is_open() && !window.is_key_down(Key::Escape) {
+        // The last stays in view.
+        while window.is_open() && !window.is_key_down(Key::Escape) {
             if cancel.load(Ordering::SeqCst) {
                 return Ok(Exit::Interrupted);
             }

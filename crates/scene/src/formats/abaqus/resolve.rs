@@ -200,9 +200,8 @@ impl Resolver {
         let found = self.instances_of(part);
         let steps = self.model.instances.len() as u64 + STEPS_A_COPY * found.len() as u64;
         self.bounds.steps(steps).map_err(|_| {
-            Error::new(ErrorKind::TooLarge(
-                "sets, surfaces and sections, each of many instances, take too long to be resolved; place fewer copies, \
-                 or allow it (`--allow-large`)"
+            Error::new(ErrorKind::OverLimit(
+                "sets, surfaces and sections, each of many instances, take too long to be resolved; place fewer copies"
                     .to_owned(),
             ))
         })?;

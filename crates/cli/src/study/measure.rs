@@ -2,9 +2,9 @@
 
 use crate::args::Talk;
 use crate::clock::{process_seconds, thread_seconds, wall_seconds};
-use crate::commands::bench::results::{Accuracy, Cell, Choice, Course, Point, Rate, Results};
-use crate::commands::bench::scenes::{Ready, StudyScene};
-use crate::commands::bench::ways::{Finding, ORIGINAL, OURS, Target, Way, engine_of, ways};
+use crate::study::results::{Accuracy, Cell, Choice, Course, Point, Rate, Results};
+use crate::study::scenes::{Ready, StudyScene};
+use crate::study::ways::{Finding, ORIGINAL, OURS, Target, Way, ways};
 use crate::commands::tradeoff;
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
@@ -65,7 +65,6 @@ pub(super) struct Stopped;
 /// Shared state of all measurements.
 pub(super) struct Bench<'a> {
     pub(super) results: Results,
-    pub(super) backend_dir: Option<&'a Path>,
     pub(super) cancel: &'a AtomicBool,
 }
 
@@ -197,7 +196,7 @@ impl Bench<'_> {
     }
 
     fn live(&self, target: &Target, way: &Way, ready: &Ready) -> Result<Live> {
-        let mut session = way.session(target, self.backend_dir)?;
+        let mut session = way.session(target)?;
         let cut = way
             .hierarchy()
             .map(|options| Model::new(Arc::clone(&ready.patches), options))
@@ -457,7 +456,7 @@ impl Bench<'_> {
             path.into_os_string(),
             "--split".into(),
             split.to_string().into(),
-            "--sample-rows".into(),
+            "--rows".into(),
             self.results.settings.sample_rows.to_string().into(),
             "--backend".into(),
             "cpu".into(),
@@ -506,13 +505,13 @@ impl Bench<'_> {
         let (path, split) = scene.file(&self.results.folder().join("scenes"))?;
         let matrix = Matrix(self.results.folder().join(".run.hemicube"));
         matrix.remove();
-        let program = std::env::current_exe().context("this program's own path")?;
+        let program = program()?;
         let mut process = Process::new(program);
         process
             .args([
                 "compute",
                 "-q",
-                "--no-config",
+                "--config=none",
                 "--threads",
                 "1",
                 "--correction",
@@ -529,11 +528,8 @@ impl Bench<'_> {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped());
-        if let Some(folder) = engine_of(target, self.backend_dir).backend_dir {
-            process.arg("--backend-dir").arg(folder);
-        }
         if rows < scene.target {
-            process.args(["--sample-rows", &rows.to_string()]);
+            process.args(["--rows", &rows.to_string()]);
         }
         let watched = match watch(process, self.cancel)? {
             Some(watched) => watched,
@@ -684,4 +680,13 @@ mod tests {
         first.sort_by(f64::total_cmp);
         assert_eq!(first, [0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875]);
     }
+}
+
+/// The program: beside the folder of this example, where one build puts both.
+fn program() -> Result<std::path::PathBuf> {
+    let own = std::env::current_exe().context("the example's own path")?;
+    let name = format!("hemicube{}", std::env::consts::EXE_SUFFIX);
+    let folders = own.ancestors().skip(1).take(2);
+    let found = folders.map(|folder| folder.join(&name)).find(|path| path.is_file());
+    found.context("the program is not beside the example: `cargo build --release -p hemicube-cli`")
 }

@@ -1,13 +1,14 @@
-//! `hemicube bench` on tiny scenes: every table and picture is there, what was measured is kept, and a second run
+//! The example `study` on tiny scenes: every table and picture is there, what was measured is kept, and a second run
 //! measures nothing. Times are not judged: they are the machine's.
 //!
-//! The binary is the one beside this test: build it with the same profile and target directory before.
+//! The example is the one beside this test: build it with the same profile and target directory before.
 
-use hemicube_tests::runs::{Place, Ran};
+use hemicube_tests::runs::{Place, Ran, command_in};
+use hemicube_tests::scenes::program;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-const LINE: &str = "bench --quick -o study --backend cpu --patches 60 --rows 16 --seconds 0.05 --resolution 32 --scene city \
+const LINE: &str = "--quick -o study --backend cpu --patches 60 --rows 16 --seconds 0.05 --resolution 32 --scene city \
                     --scene room --label tiny";
 
 /// The headings of the report, each of which has a table or a picture beneath it.
@@ -48,6 +49,13 @@ fn keys(study: &Value) -> BTreeSet<String> {
     study["cells"].as_object().expect("cells").keys().cloned().collect()
 }
 
+/// A run of the study.
+fn line(place: &Place, words: &str) -> Ran {
+    let example = program().with_file_name("examples").join("study");
+    let mut command = command_in(&example, &place.path("."));
+    command.args(words.split_whitespace()).output().expect("`cargo build --example study` made it").into()
+}
+
 #[track_caller]
 fn measured(ran: Ran, cells: &str) {
     ran.is(0).says(&[&format!("{cells} measured")]);
@@ -56,7 +64,7 @@ fn measured(ran: Ran, cells: &str) {
 #[test]
 fn a_study_has_every_table_and_goes_on_where_it_was() {
     let place = Place::new();
-    let ran = place.line(LINE).is(0);
+    let ran = line(&place, LINE).is(0);
     assert!(
         ran.out.contains("| city |") && ran.out.contains("| room |"),
         "{}",
@@ -109,7 +117,7 @@ fn a_study_has_every_table_and_goes_on_where_it_was() {
     assert_eq!(choices, ["city/cpu/found culling", "room/cpu/found culling"], "{said}");
     assert!(report.contains("| city | cpu | engine, culling | "), "{report}");
 
-    measured(place.line(LINE), "0 cells");
+    measured(line(&place, LINE), "0 cells");
     assert_eq!(study(&place), first);
 
     // A study of before choices were measured anew is read, and they are measured.
@@ -117,7 +125,7 @@ fn a_study_has_every_table_and_goes_on_where_it_was() {
     let cells = before["cells"].as_object_mut().expect("cells");
     cells.retain(|_, cell| cell.get("choice").is_none());
     std::fs::write(place.path("study/study.json"), before.to_string()).expect("written");
-    measured(place.line(LINE), "2 cells");
+    measured(line(&place, LINE), "2 cells");
     assert_eq!(keys(&study(&place)), keys(&first));
 
     // A cell that is gone is measured again, and no other; other settings have cells of their own.
@@ -130,7 +138,7 @@ fn a_study_has_every_table_and_goes_on_where_it_was() {
     cells.remove(&gone);
     assert_eq!(missing_cells(&less), ["city/cpu/ours"]);
     std::fs::write(place.path("study/study.json"), less.to_string()).expect("written");
-    measured(place.line(LINE), "1 cell");
+    measured(line(&place, LINE), "1 cell");
     assert_eq!(keys(&study(&place)), keys(&first));
 }
 
@@ -170,23 +178,19 @@ fn missing_cells(study: &Value) -> Vec<String> {
 #[test]
 fn what_cannot_be_measured_is_refused_by_name() {
     let place = Place::new();
-    place
-        .line("bench --quick -o s --backend cpu --scene atlantis")
+    line(&place, "--quick -o s --backend cpu --scene atlantis")
         .is(2)
         .says(&["atlantis", "city-x16", "maze"]);
-    place
-        .line("bench --quick -o s --backend no-such-backend --scene city")
+    line(&place, "--quick -o s --backend no-such-backend --scene city")
         .is(2)
         .says(&["no-such-backend"]);
     std::fs::create_dir(place.path("s2")).expect("a folder");
     std::fs::write(place.path("s2/study.json"), "{\"cells\": 3}").expect("written");
-    place
-        .line("bench --quick -o s2 --backend cpu --scene city")
+    line(&place, "--quick -o s2 --backend cpu --scene city")
         .is(2)
         .says(&["study.json", "no study"]);
     std::fs::write(place.path("peers.json"), "[]").expect("written");
-    place
-        .line("bench --quick -o s3 --backend cpu --scene city --peers peers.json")
+    line(&place, "--quick -o s3 --backend cpu --scene city --peers peers.json")
         .is(2)
         .says(&["peers.json", "scripts/peers"]);
 }

@@ -1,4 +1,4 @@
-//! `hemicube bench`: the study of Vázquez and Guartes 2017, repeated on this machine and its backends and extended by
+//! The study of Vázquez and Guartes 2017, repeated on this machine and its backends and extended by
 //! mazes, open scenes, parameters found by backends, and error against rays.
 //!
 //! The unit is a *cell*: a scene, a backend, a way. `results.rs` keeps cells in `study.json` by machine, version and
@@ -23,12 +23,13 @@ use crate::picture::sheet::{Format, Marker, color};
 use crate::progress::Bar;
 use crate::report::{count, counted, print};
 use anyhow::{Context, Result};
-use clap::{Args, ValueEnum};
+use clap::{Parser, ValueEnum};
 use measure::Bench;
 use plots::{Diagram, Panel, Series, error_against_time, heat_map, memory_over_time};
 use results::{Cell, Results, Settings};
 use scenes::{CITY, Role, Size, StudyScene, scenes};
 use serde::Deserialize;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use tables::{Grid, Study};
 use ways::{
@@ -37,12 +38,12 @@ use ways::{
 };
 
 const EXAMPLES: &str = "  \
-  hemicube bench --quick
-  hemicube bench -o study --scenes ../shared/scenes";
+  study --quick
+  study -o study --scenes ../shared/scenes";
 
-/// Rerun the study of algorithms on this machine: tables, pictures, and what finds itself
-#[derive(Args, Debug)]
-#[command(override_usage = "hemicube bench [OPTIONS]", after_long_help = examples(EXAMPLES, false))]
+/// Repeat the study of algorithms on this machine: tables and pictures
+#[derive(Debug, Parser)]
+#[command(name = "study", version, after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The folder for tables, pictures and what was measured; a run that finds some there goes on
     #[arg(short, long, value_name = "DIR", default_value = "hemicube-study")]
@@ -53,9 +54,6 @@ pub(crate) struct Arguments {
     /// A backend to measure: cpu, gl, vulkan, wgpu, or a file (repeatable; all that open otherwise)
     #[arg(long, value_name = "NAME|PATH")]
     backend: Vec<String>,
-    /// Look for backends in DIR first
-    #[arg(long, value_name = "DIR", hide_short_help = true)]
-    backend_dir: Option<PathBuf>,
     /// A folder with `denhaag-8897.obj`, or `city/denhaag-8897.obj`, to measure as well
     #[arg(long, value_name = "DIR", env = "HEMICUBE_SCENES", hide_env = true)]
     scenes: Option<PathBuf>,
@@ -89,6 +87,8 @@ pub(crate) struct Arguments {
     /// The pictures' format
     #[arg(long, value_name = "svg|png", default_value = "svg", hide_possible_values = true)]
     pictures: Pictures,
+    #[command(flatten)]
+    talk: Talk,
 }
 
 /// Format of pictures.
@@ -193,7 +193,15 @@ fn is_for_runs(scene: &StudyScene) -> bool {
     ["room", "city"].contains(&scene.key.as_str())
 }
 
-pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
+/// Parses a command line of the study, and runs it.
+pub(crate) fn run_line(words: impl IntoIterator<Item = OsString>) -> Result<Exit> {
+    let arguments = Arguments::parse_from(words);
+    let talk = arguments.talk;
+    crate::log::start(talk);
+    run(&arguments, talk)
+}
+
+fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let size = if arguments.quick { Size::Quick } else { Size::Full };
     let settings = Settings {
         city: arguments.patches,
@@ -212,8 +220,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
                 .with_context(|| format!("`{}` is not what `scripts/peers` writes", file.display()))?
         }
     };
-    let folder = arguments.backend_dir.as_deref();
-    let (targets, without) = targets(&arguments.backend, folder)?;
+    let (targets, without) = targets(&arguments.backend)?;
     let mut scenes = scenes(size, arguments.patches, arguments.scenes.as_deref())?;
     if !arguments.scene.is_empty() {
         for name in &arguments.scene {
@@ -229,7 +236,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let guard = exit::InterruptGuard::new();
     let mut bench = Bench {
         results,
-        backend_dir: folder,
         cancel,
     };
     let done = measure_all(&mut bench, size, &scenes, &targets, talk)?;

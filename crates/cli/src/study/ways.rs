@@ -7,7 +7,6 @@ use hemicube::HierarchyOptions;
 use hemicube::backend::{Culling, HemicubeBackend};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, Hierarchy};
 use hemicube_host::{DeviceKind, Options};
-use std::path::Path;
 
 /// Backends to look for if none is named.
 pub(super) const KNOWN: [&str; 4] = [BUILT_IN, "gl", "vulkan", "wgpu"];
@@ -27,7 +26,7 @@ impl Target {
     ///
     /// # Errors
     /// When it does not open.
-    pub(super) fn open(name: &str, folder: Option<&Path>) -> Result<Self> {
+    pub(super) fn open(name: &str) -> Result<Self> {
         if name == BUILT_IN {
             let backend = CpuBackend::new();
             return Ok(Self {
@@ -37,7 +36,7 @@ impl Target {
                 on_processor: true,
             });
         }
-        let backend = registry(folder).open(name, &Options::default())?;
+        let backend = registry().open(name, &Options::default())?;
         let info = backend.info();
         Ok(Self {
             name: info.name.clone(),
@@ -107,12 +106,12 @@ impl Way {
     ///
     /// # Errors
     /// When the backend does not open.
-    pub(super) fn session(&self, target: &Target, folder: Option<&Path>) -> Result<Box<dyn HemicubeBackend>> {
+    pub(super) fn session(&self, target: &Target) -> Result<Box<dyn HemicubeBackend>> {
         Ok(match &self.how {
             How::Cpu(engine, hierarchy, _) => {
                 Box::new(CpuBackend::new().with_hierarchy(*hierarchy).with_engine(*engine))
             }
-            How::Options(options, _) => Box::new(registry(folder).open(&target.name, &Options::parse(options)?)?),
+            How::Options(options, _) => Box::new(registry().open(&target.name, &Options::parse(options)?)?),
         })
     }
 
@@ -259,17 +258,17 @@ pub(super) fn findings(target: &Target, parameters: Vec<Way>) -> Vec<Finding> {
 ///
 /// # Errors
 /// When a named one does not open.
-pub(super) fn targets(named: &[String], folder: Option<&Path>) -> Result<(Vec<Target>, Vec<String>)> {
+pub(super) fn targets(named: &[String]) -> Result<(Vec<Target>, Vec<String>)> {
     if !named.is_empty() {
         let targets = named
             .iter()
-            .map(|name| Target::open(name, folder))
+            .map(|name| Target::open(name))
             .collect::<Result<_>>()?;
         return Ok((targets, Vec::new()));
     }
     let (mut targets, mut without) = (Vec::new(), Vec::new());
     for name in KNOWN {
-        match Target::open(name, folder) {
+        match Target::open(name) {
             Ok(target) => targets.push(target),
             Err(error) => {
                 let reason = format!("{error:#}");
@@ -280,12 +279,3 @@ pub(super) fn targets(named: &[String], folder: Option<&Path>) -> Result<(Vec<Ta
     Ok((targets, without))
 }
 
-/// Settings of the engine with only the backend named.
-pub(super) fn engine_of(target: &Target, folder: Option<&Path>) -> EngineSettings {
-    EngineSettings {
-        backend: target.name.clone(),
-        backend_dir: folder.map(Path::to_owned),
-        threads: 1,
-        ..EngineSettings::default()
-    }
-}
