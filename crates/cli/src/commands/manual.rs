@@ -4,7 +4,7 @@
 use crate::exit::Exit;
 use crate::report::{PendingFile, output_error};
 use anyhow::{Context, Result};
-use clap::{Args, Command};
+use clap::{Arg, Args, Command};
 use clap_mangen::Man;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -14,8 +14,15 @@ use std::path::{Path, PathBuf};
 #[command(hide = true)]
 pub(crate) struct Arguments {
     /// The directory to write them to
-    #[arg(value_name = "DIR")]
-    pub(crate) directory: PathBuf,
+    #[arg(
+        value_name = "DIR",
+        required_unless_present = "markdown",
+        conflicts_with = "markdown"
+    )]
+    pub(crate) directory: Option<PathBuf>,
+    /// Print one page of all commands in Markdown instead, the book's
+    #[arg(long)]
+    pub(crate) markdown: bool,
 }
 /// Print a script that completes command lines in a shell
 #[derive(Args, Debug)]
@@ -123,12 +130,111 @@ fn write_pages(command: &Command, directory: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Writes the pages of `definition` and its subcommands.
+/// Text for a cell of a table in Markdown, which takes what stands between backticks as it is, but for bars.
+fn cell(text: &str) -> String {
+    let text = text
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+        .replace('|', "\\|");
+    let pieces = text.split('`').enumerate().map(|(k, piece)| match k % 2 {
+        0 => piece.replace('<', "&lt;").replace('*', "\\*").replace('_', "\\_"),
+        _ => piece.to_owned(),
+    });
+    pieces.collect::<Vec<_>>().join("`")
+}
+
+/// The line of an argument or option in its table: how it is written, what it is for, and its default.
+fn table_line(argument: &Arg) -> String {
+    let short = argument.get_short().map(|short| format!("-{short}, "));
+    let written = format!("{}{argument}", short.unwrap_or_default());
+    let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+    let defaults: Vec<_> = argument
+        .get_default_values()
+        .iter()
+        .map(|value| value.to_string_lossy())
+        .collect();
+    let is_shown =
+        argument.get_action().takes_values() && !argument.is_hide_default_value_set() && !defaults.is_empty();
+    let default = if is_shown {
+        format!(" [default: {}]", defaults.join(" "))
+    } else {
+        String::new()
+    };
+    format!("| `{}` | {} |\n", written.replace('|', "\\|"), cell(&(help + &default)))
+}
+
+/// The tables of some arguments, one for each heading in their order.
+fn tables<'a>(arguments: impl Iterator<Item = &'a Arg>) -> String {
+    let mut tables: Vec<(&str, String)> = Vec::new();
+    for argument in arguments {
+        let other = if argument.is_positional() {
+            "Arguments"
+        } else {
+            "Options"
+        };
+        let heading = argument.get_help_heading().unwrap_or(other);
+        match tables.iter_mut().find(|(name, _)| *name == heading) {
+            Some((_, lines)) => *lines += &table_line(argument),
+            None => tables.push((heading, table_line(argument))),
+        }
+    }
+    let tables = tables
+        .into_iter()
+        .map(|(heading, lines)| format!("\n| {heading} | |\n|---|---|\n{lines}"));
+    tables.collect()
+}
+
+/// The sections of a command and its subcommands in the page of all commands, without the options that all have.
+fn section(command: &Command, for_all: &[&str]) -> String {
+    let name = command.get_bin_name().unwrap_or_else(|| command.get_name());
+    let about = command.get_about().map(ToString::to_string).unwrap_or_default();
+    let usage = command.clone().render_usage().to_string();
+    let usage = usage.strip_prefix("Usage: ").unwrap_or(&usage);
+    let mut text = format!(
+        "\n## {name}\n\n{}.\n\n```text\n{}\n```\n",
+        cell(&about),
+        usage.trim_end()
+    );
+    let arguments = command.get_arguments();
+    text +=
+        &tables(arguments.filter(|argument| !argument.is_hide_set() && !for_all.contains(&argument.get_id().as_str())));
+    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
+        text += &section(command, for_all);
+    }
+    text
+}
+
+/// One page of all commands in Markdown, from their definition alone.
+fn markdown(definition: Command) -> String {
+    let mut command = definition;
+    command.build();
+    let for_all: Vec<&str> = command
+        .get_arguments()
+        .map(|argument| argument.get_id().as_str())
+        .collect();
+    let mut text = "# Commands\n\nMade by `hemicube manual --markdown`. `hemicube COMMAND --help` has the same with examples and exit \
+                    codes, `-h` what is used most.\n\nAll commands have these options:\n"
+        .to_owned();
+    text += &tables(command.get_arguments().filter(|argument| !argument.is_hide_set()));
+    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
+        text += &section(command, &for_all);
+    }
+    text
+}
+
+/// Writes the pages of `definition` and its subcommands, or prints one of all of them in Markdown.
 ///
 /// # Errors
 /// When the directory or a page cannot be written.
 pub(crate) fn run(arguments: &Arguments, definition: Command) -> Result<Exit> {
-    let directory = &arguments.directory;
+    let Some(directory) = &arguments.directory else {
+        let mut out = io::stdout().lock();
+        out.write_all(markdown(definition).as_bytes())
+            .and_then(|()| out.flush())
+            .map_err(output_error)?;
+        return Ok(Exit::Done);
+    };
     std::fs::create_dir_all(directory).with_context(|| format!("`{}` cannot be created", directory.display()))?;
     let mut command = in_full(definition);
     // Makes the subcommands' names: `hemicube-compute`.
@@ -154,6 +260,35 @@ pub(crate) fn completions(arguments: &Completions, mut definition: Command) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_page_of_commands_has_what_all_have_once_and_keeps_bars_and_names() {
+        let option = |name: &'static str| Arg::new(name).long(name).help("Sum <F> of `a|b`");
+        let inner = Command::new("inner")
+            .about("Do one thing")
+            .arg(option("one").short('o').help_heading("Expert"));
+        let hidden = Command::new("hidden").hide(true);
+        let page = markdown(
+            Command::new("outer")
+                .arg(option("all").global(true))
+                .subcommands([inner, hidden]),
+        );
+        let lines = [
+            "## outer inner",
+            "Do one thing.",
+            "| Expert | |",
+            "| `-o, --one <one>` | Sum &lt;F> of `a\\|b` |",
+        ];
+        assert!(
+            lines.iter().all(|line| page.lines().any(|other| other == *line)),
+            "{page}"
+        );
+        assert_eq!(
+            (page.matches("--all").count(), page.matches("hidden").count()),
+            (1, 0),
+            "{page}"
+        );
+    }
 
     #[test]
     fn what_is_below_the_options_becomes_sections() {
