@@ -85,6 +85,17 @@ def test_what_is_documented_runs(document: str, tmp_path: pathlib.Path, monkeypa
     assert os.listdir(tmp_path)
 
 
+def test_the_page_of_the_api_is_the_packages() -> None:
+    script = REPOSITORY / "scripts/python_api.py"
+    made = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout
+    path = REPOSITORY / "docs/python-api.md"
+    if "BLESS" in os.environ:
+        path.write_text(made)
+    assert made == path.read_text(), "docs/python-api.md is old: BLESS=1 writes it"
+    for name in hemicube.__all__:
+        assert name.startswith("__") or name in made, name
+
+
 def test_the_readmes_lines_run() -> None:
     readme = (REPOSITORY / "README.md").read_text()
     (block,) = re.findall(r"```python\n(.*?)```", readme, flags=re.DOTALL)
