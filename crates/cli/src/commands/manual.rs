@@ -185,8 +185,14 @@ fn tables<'a>(arguments: impl Iterator<Item = &'a Arg>) -> String {
     tables.collect()
 }
 
-/// The sections of a command and its subcommands in the page of all commands, without the options that all have.
-fn section(command: &Command, for_all: &[&str]) -> String {
+/// A command and its subcommands, but those that are hidden, in their order.
+fn visible(command: &Command) -> Vec<&Command> {
+    let subcommands = command.get_subcommands().filter(|command| !command.is_hide_set());
+    std::iter::once(command).chain(subcommands.flat_map(visible)).collect()
+}
+
+/// The section of a command. Options with the same line in several commands, `common`, are named alone.
+fn section(command: &Command, common: &[&str]) -> String {
     let name = command.get_bin_name().unwrap_or_else(|| command.get_name());
     let about = command.get_about().map(ToString::to_string).unwrap_or_default();
     let usage = command.clone().render_usage().to_string();
@@ -196,29 +202,54 @@ fn section(command: &Command, for_all: &[&str]) -> String {
         cell(&about),
         usage.trim_end()
     );
-    let arguments = command.get_arguments();
-    text +=
-        &tables(arguments.filter(|argument| !argument.is_hide_set() && !for_all.contains(&argument.get_id().as_str())));
-    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
-        text += &section(command, for_all);
+    let shown = command
+        .get_arguments()
+        .filter(|argument| !argument.is_hide_set() && !argument.is_global_set());
+    let (named, told): (Vec<&Arg>, Vec<&Arg>) =
+        shown.partition(|argument| common.contains(&table_line(argument).as_str()));
+    text += &tables(told.into_iter());
+    let named: Vec<String> = named
+        .iter()
+        .filter_map(|argument| Some(format!("`--{}`", argument.get_long()?)))
+        .collect();
+    if !named.is_empty() {
+        text += &format!("\nAlso: {}.\n", named.join(", "));
     }
     text
 }
+
+/// Commands from which on an option that is the same in all of them is explained once.
+const SEVERAL: usize = 3;
 
 /// One page of all commands in Markdown, from their definition alone.
 fn markdown(definition: Command) -> String {
     let mut command = definition;
     command.build();
-    let for_all: Vec<&str> = command
-        .get_arguments()
-        .map(|argument| argument.get_id().as_str())
-        .collect();
+    let commands = visible(&command);
+    let of = |command: &Command| -> Vec<Arg> {
+        let arguments = command.get_arguments();
+        let named = arguments.filter(|argument| !argument.is_hide_set() && !argument.is_positional());
+        named.filter(|argument| !argument.is_global_set()).cloned().collect()
+    };
+    let mut common: Vec<(Arg, String, usize)> = Vec::new();
+    for argument in commands.iter().skip(1).flat_map(|command| of(command)) {
+        let line = table_line(&argument);
+        match common.iter_mut().find(|(_, other, _)| *other == line) {
+            Some((.., count)) => *count += 1,
+            None => common.push((argument, line, 1)),
+        }
+    }
+    common.retain(|(.., count)| *count >= SEVERAL);
+    let lines: Vec<&str> = common.iter().map(|(_, line, _)| line.as_str()).collect();
     let mut text = "# Commands\n\nMade by `hemicube manual --markdown`. `hemicube COMMAND --help` has the same with examples and exit \
-                    codes, `-h` what is used most.\n\nAll commands have these options:\n"
+                    codes, `-h` what is used most.\n\n## Options of all commands\n"
         .to_owned();
-    text += &tables(command.get_arguments().filter(|argument| !argument.is_hide_set()));
-    for command in command.get_subcommands().filter(|command| !command.is_hide_set()) {
-        text += &section(command, &for_all);
+    let of_all = command.get_arguments().filter(|argument| !argument.is_hide_set());
+    text += &tables(of_all.filter(|argument| argument.is_global_set()));
+    text += "\n## Options of several commands\n";
+    text += &tables(common.iter().map(|(argument, ..)| argument));
+    for command in commands.iter().skip(1) {
+        text += &section(command, &lines);
     }
     text
 }
@@ -262,30 +293,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_of_commands_has_what_all_have_once_and_keeps_bars_and_names() {
+    fn the_page_of_commands_explains_an_option_once_and_keeps_bars_and_names() {
         let option = |name: &'static str| Arg::new(name).long(name).help("Sum <F> of `a|b`");
-        let inner = Command::new("inner")
-            .about("Do one thing")
-            .arg(option("one").short('o').help_heading("Expert"));
-        let hidden = Command::new("hidden").hide(true);
-        let page = markdown(
-            Command::new("outer")
-                .arg(option("all").global(true))
-                .subcommands([inner, hidden]),
-        );
+        let command = |name: &'static str| Command::new(name).about("Do one thing").arg(option("same").short('s'));
+        let first = command("first").arg(option("one").short('o').help_heading("Expert"));
+        let others = [command("second"), command("third"), Command::new("hidden").hide(true)];
+        let all = option("all").global(true);
+        let page = markdown(Command::new("outer").arg(all).subcommand(first).subcommands(others));
         let lines = [
-            "## outer inner",
+            "## outer first",
             "Do one thing.",
             "| Expert | |",
             "| `-o, --one <one>` | Sum &lt;F> of `a\\|b` |",
+            "Also: `--same`.",
         ];
         assert!(
             lines.iter().all(|line| page.lines().any(|other| other == *line)),
             "{page}"
         );
+        let count = |what: &str| page.matches(what).count();
         assert_eq!(
-            (page.matches("--all").count(), page.matches("hidden").count()),
-            (1, 0),
+            (
+                count("--all"),
+                count("-s, --same"),
+                count("Also: `--same`."),
+                count("hidden")
+            ),
+            (1, 1, 3, 0),
             "{page}"
         );
     }
