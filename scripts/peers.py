@@ -177,7 +177,7 @@ def hemicube(scene, rows, setting, program):
 
     with tempfile.TemporaryDirectory() as place:
         store = Path(place) / "m.hemicube"
-        words = [program, "compute", scene, "-o", str(store), "-q", "--no-config", "--threads", "1", *setting.split()]
+        words = [program, "compute", scene, "-o", str(store), "-q", "--config=none", "--threads", "1", *setting.split()]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(words, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -223,8 +223,8 @@ def reference_of(program, scene, place):
 
     store = place / f"{Path(scene).stem}.hemicube"
     report = place / "report.json"
-    words = [program, "compute", scene, "-o", str(store), "-q", "--no-config", "--tolerance", "0.1%"]
-    words += ["--sample-rows", str(ROWS), "--seed", str(SEED), "--verify", "8", f"--json={report}"]
+    words = [program, "compute", scene, "-o", str(store), "-q", "--config=none", "--tolerance", "0.1%"]
+    words += ["--rows", str(ROWS), "--seed", str(SEED), "--verify", "8", f"--json={report}"]
     # Exit 1 says that the tolerance was not kept: the report then says by how much, and so does this.
     ran = subprocess.run(words, check=False)
     if ran.returncode not in (0, 1):

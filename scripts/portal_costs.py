@@ -35,7 +35,7 @@ def run(program, folder, line):
 
 def cost(program, folder, line, rows=()):
     """Milliseconds a row, megabytes, and the report."""
-    one = run(program, folder, [*line, "-o", "one", "--sample-rows", "1"])
+    one = run(program, folder, [*line, "-o", "one", "--rows", "1"])
     all_ = run(program, folder, [*line, "-o", "all", *rows])
     seconds = max(all_["seconds"] - one["seconds"], 0.0)
     return 1e3 * seconds / max(all_["rows"] - 1, 1), all_["peak_memory_bytes"] / 1e6, all_
@@ -190,7 +190,7 @@ STAGES = (
 def profile(program, folder, scene):
     """Shares of the time of a row by pixel, through the facade's glass."""
     facade(folder, scene)
-    line = [program, *"compute facade.obj --specular facade.toml --correction pixel --sample-rows 2000 -o all".split()]
+    line = [program, *"compute facade.obj --specular facade.toml --correction pixel --rows 2000 -o all".split()]
     record = ["perf", "record", "-q", "-F", "1500", "-o", "perf.data", *line, "--overwrite", "--threads", "1", "-q"]
     try:
         subprocess.run(record, cwd=folder, check=True, capture_output=True)
@@ -219,7 +219,7 @@ def backends(program, folder, scene, names):
     print("scene | N | backend | ms a row without | composed | device | composed and device off the CPU backend's rows")
     for name in ("facade", "room"):
         for resolution in ("128", "256"):
-            line = [f"{name}.obj", "--correction", "pixel", "--resolution", resolution, "--sample-rows", "800"]
+            line = [f"{name}.obj", "--correction", "pixel", "--resolution", resolution, "--rows", "800"]
             through = [*line, "--specular", f"{name}.toml"]
             for backend in ("cpu", *names):
                 of = ["--backend", backend]
@@ -242,7 +242,7 @@ def specular(program, folder, scene):
     facade(folder, scene)
     print("glass, 10 % of the walls | ms a row without | with | times")
     for level in LEVELS:
-        sample = ["--sample-rows", "400"]
+        sample = ["--rows", "400"]
         plain, _, _ = cost(program, folder, ["facade.obj", *level], sample)
         through, _, _ = cost(program, folder, ["facade.obj", "--specular", "facade.toml", *level], sample)
         print(f"{' '.join(level) or 'default'} | {plain:.2f} | {through:.2f} | {through / plain:.2f}", flush=True)
@@ -250,7 +250,7 @@ def specular(program, folder, scene):
     (folder / "bands.toml").write_text(bands)
     print("two bands | s of one | of both | times")
     for level in LEVELS:
-        rows = ["facade.obj", *level, "--sample-rows", "400", "-o", "bands"]
+        rows = ["facade.obj", *level, "--rows", "400", "-o", "bands"]
         seconds = []
         for file in ("facade.toml", "bands.toml"):
             before = resource.getrusage(resource.RUSAGE_CHILDREN)

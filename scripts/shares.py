@@ -21,7 +21,7 @@ def rows_of(program, scene, options, rows, folder):
     """ΣF and the shares of each row computed, by its patch, and the seconds taken."""
     store, table = folder / "store", folder / "rows.csv"
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    line = ["compute", scene, "-o", store, "--sample-rows", str(rows), *options]
+    line = ["compute", scene, "-o", store, "--rows", str(rows), *options]
     subprocess.run([program, *line, "--overwrite", "--quiet"], check=True)
     seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
     line = ["export", store, table, "--overwrite", "--quiet", "--allow-incomplete"]

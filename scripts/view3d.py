@@ -28,7 +28,7 @@ import numpy as np
 
 TURNS = int(os.environ.get("TURNS", 2))
 SAMPLED = 12
-FINE = {"1e-6": ["--store", "double"]}
+FINE = {"1e-6": ["--form", "double"]}
 REFERENCE = {"36": "1e-7", "300": "1e-7", "room": "3e-4", "city": "1e-3"}
 OURS = {"36": ["1e-3", "1e-4", "1e-6"], "300": ["1e-3", "1e-4", "1e-6"], "room": ["1e-3"], "city": ["1e-2", "5e-3", "4e-3", "3e-3"]}
 EPS = {"View3D": ["1e-4", "1e-5", "1e-6"], "hemicube": ["1e-4", "2e-4", "3e-4", "5e-4", "1e-3"]}
@@ -158,7 +158,7 @@ def measure(program, view3d, name, folder):
     for _ in range(TURNS):
         for what, words in settings:
             found[what]["seconds"].append(run(words, folder)[0])
-    words = ["compute", "scene.obj", "-o", "reference", "--sample-rows", str(SAMPLED), "--overwrite", "--store", "double"]
+    words = ["compute", "scene.obj", "-o", "reference", "--rows", str(SAMPLED), "--overwrite", "--form", "double"]
     seconds, done = run([finer, *words, "--tolerance", REFERENCE[name], "--json"], folder)
     reference, lost = ours(finer, "reference", folder)
     rows = np.flatnonzero(~np.isnan(lost))

@@ -76,7 +76,7 @@ pub type Zones = BTreeMap<(String, String), f64>;
 #[track_caller]
 pub fn zones(place: &Place, store: &str) -> Zones {
     place
-        .line(&format!("export {store} zones.csv --by object --overwrite"))
+        .line(&format!("export {store} -o zones.csv --by object --overwrite"))
         .is(0);
     let text = std::fs::read_to_string(place.path("zones.csv")).expect("the table");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());

@@ -10,13 +10,16 @@ use hemicube_spatial::whole;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Verbosity on standard error.
+/// Heading of options that few runs need: they are in `--help`, not in `-h`.
+pub(crate) const EXPERT: &str = "Expert";
+
+/// Verbosity on standard error, and colour.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct Talk {
-    /// Say nothing but errors
+    /// No messages on standard error but warnings and errors; results on standard output stay
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub(crate) quiet: bool,
-    /// Say more: all settings, and what was mended in the scene
+    /// More messages: all settings, the engine's work, what was mended in the scene
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
     /// Draw no progress bar (there is none anyway unless standard error is a terminal)
@@ -29,6 +32,16 @@ pub(crate) struct Talk {
         value_parser = clap::builder::FalseyValueParser::new()
     )]
     pub(crate) no_progress: bool,
+    /// Colour of errors, warnings, hints and verdicts; auto: on terminals, unless NO_COLOR is set
+    #[arg(
+        long,
+        global = true,
+        value_name = "auto|always|never",
+        default_value = "auto",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
+    pub(crate) color: Color,
     /// How messages on standard error look; json: one object a line, stages with their times among them
     #[arg(
         long,
@@ -39,6 +52,17 @@ pub(crate) struct Talk {
         hide_short_help = true
     )]
     pub(crate) log_format: LogFormat,
+}
+
+/// When there is colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Color {
+    /// On terminals, unless `NO_COLOR` is set.
+    Auto,
+    /// Also in files and pipes.
+    Always,
+    /// Nowhere.
+    Never,
 }
 
 /// Form of messages on standard error.
@@ -54,11 +78,8 @@ pub(crate) enum LogFormat {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Patches")]
 pub(crate) struct SceneSettings {
-    /// Halve all edges L times: each triangle becomes 4^L patches
-    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(0..=31))]
-    pub(crate) subdivide: Option<u32>,
     /// Cut all edges in K pieces: each triangle becomes K² patches
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) split: Option<u32>,
     /// Cut until no patch is longer than LENGTH, in the scene's unit
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
@@ -133,12 +154,6 @@ pub(crate) struct EngineSettings {
         hide_short_help = true
     )]
     pub(crate) engine: Engine,
-    /// Deepest level of the octree, up to 21. Rows are the same
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = octree_levels, hide_short_help = true)]
-    pub(crate) octree_levels: Auto,
-    /// Patches up to which a node of the octree is not divided. Rows are the same
-    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = min_patches, hide_short_help = true)]
-    pub(crate) min_patches: Auto,
     /// Worker threads; 0: one for each core
     ///
     /// Results are the same.
@@ -154,8 +169,6 @@ impl Default for EngineSettings {
             backend_dir: None,
             backend_option: Vec::new(),
             engine: Engine::Auto,
-            octree_levels: Auto::Auto,
-            min_patches: Auto::Auto,
             threads: 0,
         }
     }
@@ -233,12 +246,9 @@ impl RenderSettings {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Settings and reports")]
 pub(crate) struct ConfigFiles {
-    /// Read settings from FILE (TOML) and from no other file
-    #[arg(long, value_name = "FILE", conflicts_with = "no_config", hide_short_help = true)]
+    /// Read settings from FILE (TOML) and from no other file; none: from no file
+    #[arg(long, value_name = "FILE|none", hide_short_help = true)]
     pub(crate) config: Option<PathBuf>,
-    /// Read no file of settings
-    #[arg(long, hide_short_help = true)]
-    pub(crate) no_config: bool,
     /// Print every setting and where it came from, and do nothing else
     #[arg(long, hide_short_help = true)]
     pub(crate) print_config: bool,
@@ -248,10 +258,10 @@ pub(crate) struct ConfigFiles {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Settings and reports")]
 pub(crate) struct Report {
-    /// Report as JSON, to standard output or to FILE
-    #[arg(long, value_name = "FILE|-", num_args = 0..=1, require_equals = true, default_missing_value = "-")]
-    pub(crate) json: Option<PathBuf>,
-    /// Leave times and memory out of the report, where it has them, so that equal runs report equally
+    /// Print the results as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Leave times and memory out of the JSON, where it has them, so that equal runs report equally
     #[arg(long, requires = "json", hide_short_help = true)]
     pub(crate) no_timings: bool,
 }
@@ -276,12 +286,9 @@ pub(crate) struct StoredMatrix {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Rows and columns")]
 pub(crate) struct SelectionSettings {
-    /// Only the rows of patches A to B − 1, counted from 0
-    #[arg(long, value_name = "A..B")]
-    pub(crate) rows: Option<RowRange>,
-    /// Only a random sample of the rows
-    #[arg(long, value_name = "N|P%")]
-    pub(crate) sample_rows: Option<SampleSize>,
+    /// Only these rows: a range (patches A to B − 1, from 0), or a random sample of N or P %
+    #[arg(long, value_name = "A..B|N|P%")]
+    pub(crate) rows: Option<RowsAsked>,
     /// Which sample
     #[arg(long, value_name = "S", default_value = "1", hide_short_help = true)]
     pub(crate) seed: u64,
@@ -475,6 +482,28 @@ impl FromStr for SampleSize {
     }
 }
 
+/// Rows to compute: a range, or a random sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum RowsAsked {
+    /// `A..B`.
+    Range(RowRange),
+    /// `N` or `P%`.
+    Sample(SampleSize),
+}
+
+impl FromStr for RowsAsked {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text.contains("..") {
+            text.parse().map(Self::Range)
+        } else {
+            let sample = text.parse().map(Self::Sample);
+            sample.map_err(|error| format!("{error}; or a range such as `0..100`"))
+        }
+    }
+}
+
 /// A division of the sky, by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Division(pub(crate) u32);
@@ -597,28 +626,6 @@ fn correction(text: &str) -> Result<Correction, String> {
     }
 }
 
-fn auto(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<Auto, String> {
-    if text == "auto" {
-        return Ok(Auto::Auto);
-    }
-    match text.parse::<u32>() {
-        Ok(number) if range.contains(&number) => Ok(Auto::Number(number)),
-        _ => Err(format!(
-            "`auto`, or a number from {} to {}, is needed",
-            range.start(),
-            range.end()
-        )),
-    }
-}
-
-fn octree_levels(text: &str) -> Result<Auto, String> {
-    auto(text, 0..=21)
-}
-
-fn min_patches(text: &str) -> Result<Auto, String> {
-    auto(text, 1..=1 << 20)
-}
-
 /// A share by which a refined row may change: `0.1%`, 0.001.
 pub(crate) fn change(text: &str) -> Result<f64, String> {
     let share = match text.strip_suffix('%') {
@@ -687,8 +694,6 @@ mod tests {
         for wrong in ["0", "-1", "nan", "inf", "x"] {
             assert!(positive(wrong).is_err(), "{wrong}");
         }
-        assert_eq!(octree_levels("auto"), Ok(Auto::Auto));
-        assert!(octree_levels("22").is_err() && min_patches("0").is_err());
         assert_eq!(correction("tolerance"), Ok(Correction::Tolerance));
         assert!(correction("area").is_err_and(|e| e.contains("pixel")));
     }

@@ -1,7 +1,7 @@
 //! The command line: the one definition from which help, settings files, environment variables, man pages and
 //! completions are made. Arguments stand beside their command, in `commands`.
 
-use crate::args::Talk;
+use crate::args::{EXPERT, Talk};
 use crate::commands;
 use crate::exit::{Exit, hinted};
 use crate::help::examples;
@@ -11,8 +11,8 @@ use crate::shell::word;
 use anyhow::{Result, anyhow};
 use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Parser, Subcommand};
-use std::ffi::{OsStr, OsString};
+use clap::{CommandFactory, Parser, Subcommand};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Form-factor (view-factor) matrices of triangle scenes by the hemicube method.
@@ -21,7 +21,6 @@ use std::path::{Path, PathBuf};
     name = "hemicube",
     version,
     max_term_width = 100,
-    color = clap::ColorChoice::Never,
     subcommand_required = true,
     arg_required_else_help = true,
     disable_help_subcommand = true,
@@ -29,7 +28,7 @@ use std::path::{Path, PathBuf};
         "  hemicube generate room --patches 10240 -o room.obj
   hemicube compute room.obj -o room.hemicube
   hemicube check room.hemicube
-  hemicube export room.hemicube room.npz",
+  hemicube export room.hemicube -o room.npz",
         false,
     )
 )]
@@ -102,6 +101,32 @@ impl Command {
             Self::Bench(_) | Self::Interactive(_) | Self::Manual(_) | Self::Completions(_) => Paths::default(),
         }
     }
+}
+
+/// The definition, with the options that `-h` leaves out under a heading of their own in `--help`.
+pub(crate) fn definition() -> clap::Command {
+    fn completed(command: clap::Command, path: &str) -> clap::Command {
+        let names: Vec<String> = command.get_subcommands().map(|inner| inner.get_name().to_owned()).collect();
+        let command = command.mut_args(|argument| {
+            if argument.is_hide_short_help_set() && !argument.is_positional() {
+                argument.help_heading(EXPERT)
+            } else {
+                argument
+            }
+        });
+        let command = match crate::help::ending(path) {
+            None => command,
+            Some(ending) => {
+                let above = command.get_after_long_help().map(|text| format!("{text}\n")).unwrap_or_default();
+                command.after_long_help(above + &ending)
+            }
+        };
+        names.into_iter().fold(command, |command, name| {
+            let path = format!("{path} {name}");
+            command.mut_subcommand(name, |inner| completed(inner, path.trim()))
+        })
+    }
+    completed(Cli::command(), "")
 }
 
 /// Takes the commands `help`, `help COMMAND` and `version` for the flags.
@@ -221,50 +246,39 @@ fn without_command(path: &Path) -> anyhow::Error {
     )
 }
 
-/// Joins `--json` with a following file name into one word. The value is optional, so `--json scene.obj` would
-/// otherwise be ambiguous, and the report would overwrite the scene: only `-` and names ending in `.json` are joined.
-pub(crate) fn join_json(arguments: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
-    let mut joined: Vec<OsString> = Vec::new();
-    let mut literal = false;
-    for argument in arguments {
-        let is_report = argument == OsStr::new("-")
-            || PathBuf::from(&argument)
-                .extension()
-                .is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
-                && !argument.as_encoded_bytes().starts_with(b"-");
-        match joined.last_mut() {
-            Some(last) if !literal && is_report && last == "--json" => {
-                last.push("=");
-                last.push(argument);
-            }
-            _ => {
-                literal |= argument == "--";
-                joined.push(argument);
-            }
-        }
-    }
-    joined
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_definition_is_sound() {
-        Cli::command().debug_assert();
+        definition().debug_assert();
+    }
+
+    #[test]
+    fn every_command_says_its_exit_statuses() {
+        fn walk(command: &clap::Command, path: &str) {
+            let mut leaf = true;
+            for inner in command.get_subcommands() {
+                leaf = false;
+                walk(inner, format!("{path} {}", inner.get_name()).trim());
+            }
+            let text = command.get_after_long_help().map(ToString::to_string).unwrap_or_default();
+            assert!(!leaf || text.contains("Exit status"), "{path}: {text}");
+            assert!(text.matches("Exit status").count() <= 1, "{path}");
+        }
+        walk(&definition(), "");
     }
 
     #[test]
     fn an_option_of_another_command_is_named_with_that_command() {
-        let definition = Cli::command();
+        let definition = definition();
         let tips = |words: &[&str], given: &str| {
             let words: Vec<OsString> = words.iter().map(OsString::from).collect();
             tips_on_option(given, &definition, &words)
         };
         let of_rows = tips(&["hemicube", "tradeoff", "a.obj", "--rows", "0..9"], "--rows");
-        assert_eq!(of_rows[0], "`tradeoff` has `--sample-rows`");
+        assert_eq!(of_rows[0], "`tradeoff` has `--rows`");
         assert!(
             of_rows[1].starts_with("`--rows` is an option of `compute`"),
             "{of_rows:?}"
@@ -288,27 +302,5 @@ mod tests {
         assert_eq!(settled(&["--correction", "pixel"]), 256);
         assert_eq!(settled(&["--tolerance", "1%"]), 128);
         assert_eq!(settled(&["--correction=pixel", "--resolution", "64"]), 64);
-    }
-
-    #[test]
-    fn a_scene_is_never_taken_for_the_report() {
-        let join = |words: &[&str]| join_json(words.iter().map(OsString::from));
-        let words = |words: &[&str]| words.iter().map(OsString::from).collect::<Vec<_>>();
-        assert_eq!(
-            join(&["inspect", "--json", "a.obj"]),
-            words(&["inspect", "--json", "a.obj"])
-        );
-        assert_eq!(
-            join(&["inspect", "--json", "-", "a.obj"]),
-            words(&["inspect", "--json=-", "a.obj"])
-        );
-        assert_eq!(
-            join(&["check", "--json", "r.json", "d"]),
-            words(&["check", "--json=r.json", "d"])
-        );
-        assert_eq!(
-            join(&["check", "--", "--json", "r.json"]),
-            words(&["check", "--", "--json", "r.json"])
-        );
     }
 }

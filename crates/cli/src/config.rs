@@ -18,7 +18,7 @@ use strsim::levenshtein;
 use toml::de::{DeTable, DeValue};
 
 /// Flags accepted as settings in files and in the environment.
-const SETTINGS: [&str; 34] = [
+const SETTINGS: [&str; 30] = [
     "backend",
     "backend-dir",
     "backend-option",
@@ -29,9 +29,6 @@ const SETTINGS: [&str; 34] = [
     "samples",
     "rotation",
     "culling",
-    "octree-levels",
-    "min-patches",
-    "subdivide",
     "split",
     "patch-size",
     "two-sided",
@@ -41,13 +38,12 @@ const SETTINGS: [&str; 34] = [
     "scale",
     "keep-duplicates",
     "rows",
-    "sample-rows",
     "seed",
     "emitters",
     "receivers",
     "occluders",
-    "patches",
-    "store",
+    "by",
+    "form",
     "min-factor",
     "threads",
     "memory",
@@ -56,9 +52,8 @@ const SETTINGS: [&str; 34] = [
 ];
 
 /// Groups of settings that exclude each other: the strongest layer's holds.
-pub(crate) const EXCLUSIVE: [&[&str]; 5] = [
-    &["subdivide", "split", "patch-size"],
-    &["rows", "sample-rows"],
+pub(crate) const EXCLUSIVE: [&[&str]; 4] = [
+    &["split", "patch-size"],
     &["correction", "tolerance"],
     &["samples", "tolerance"],
     &["resolution", "tolerance"],
@@ -66,7 +61,7 @@ pub(crate) const EXCLUSIVE: [&[&str]; 5] = [
 
 /// Options of the command line that choose among what others ask for: without any of these they do nothing. In files
 /// they stand ready for other runs.
-const CHOOSES: [(&str, &str, [&str; 2]); 1] = [("compute", "seed", ["sample-rows", "verify"])];
+const CHOOSES: [(&str, &str, [&str; 2]); 1] = [("compute", "seed", ["rows", "verify"])];
 
 /// Values compatible with their group: a tolerance chooses the pixels.
 const AGREES: [(&str, &str); 3] = [("correction", "tolerance"), ("resolution", "auto"), ("samples", "1")];
@@ -78,11 +73,14 @@ const OF_PIXELS: [&str; 2] = ["resolution", "samples"];
 const OTHER_VARIABLES: [&str; 3] = ["HEMICUBE_BACKEND_PATH", "HEMICUBE_NO_PROGRESS", "HEMICUBE_LOG"];
 
 /// Settings with another meaning to a subcommand, taken from its command line only.
-const OWN: [(&str, &str); 1] = [("tradeoff", "sample-rows")];
+const OWN: [(&str, &str); 1] = [("tradeoff", "rows")];
 
 /// Settings that run code from a file. A file found by its place may not name such code: the scene's folder is less
 /// trusted than the command line (`docs/security.md`).
 const RUNS_CODE: [&str; 2] = ["backend", "backend-dir"];
+
+/// `--config none`: no file of settings.
+const NO_FILE: &str = "none";
 
 /// Name of the file of settings in the working directory.
 const FILE: &str = "hemicube.toml";
@@ -157,12 +155,13 @@ impl Layers {
     /// Gathers the layers of a subcommand. `matches` is the parsed command line.
     pub(crate) fn gather(command: &Command, matches: &ArgMatches) -> Result<Self> {
         let mut layers = Self::default();
-        // `interactive` has neither flag.
+        // `interactive` has no such flag.
         let chosen = matches.try_get_one::<PathBuf>("config").ok().flatten();
-        let no_file = matches.try_get_one::<bool>("no_config").ok().flatten();
         if let Some(path) = chosen {
-            layers.read(path, Origin::Project)?;
-        } else if no_file != Some(&true) {
+            if path.as_os_str() != NO_FILE {
+                layers.read(path, Origin::Project)?;
+            }
+        } else {
             // Weakest first: later layers replace earlier ones.
             if let Some(path) = user_file()
                 && path.exists()
@@ -197,10 +196,18 @@ impl Layers {
         }
         layers.exclude(matches)?;
         for (of, name, asks) in CHOOSES {
-            let is_asked = |asks: &&str| is_given(matches, asks) || layers.0.contains_key(*asks);
+            // A range of rows leaves nothing to choose.
+            let chooses = |word: &str| !word.contains("..");
+            let is_asked = |asks: &&str| {
+                let given = matches.get_raw(asks).filter(|_| is_given(matches, asks));
+                match given {
+                    Some(mut words) => words.any(|word| word.to_str().is_none_or(chooses)),
+                    None => layers.0.get(*asks).is_some_and(|layered| layered.words.iter().any(|word| chooses(word))),
+                }
+            };
             if of == command.get_name() && is_given(matches, name) && !asks.iter().any(is_asked) {
                 bail!(
-                    "`--{name}` chooses among the rows of `--{}`, and none of these is given",
+                    "`--{name}` chooses the sample of `--{}`, and none of these is given",
                     asks.join("` or `--")
                 );
             }
@@ -294,8 +301,8 @@ impl Layers {
                 _ => (
                     "code, and what was found in the working directory may not have it run",
                     format!(
-                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--no-config` leaves the \
-                         file out"
+                        "if you trust it, say so by `--{name} {word}` or `--config {FILE}`; `--config {NO_FILE}` \
+                         leaves the file out"
                     ),
                 ),
             };
@@ -655,12 +662,11 @@ fn unread(command: &Command, names: impl Iterator<Item = String>) -> Result<Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command_line::Cli;
+    use crate::command_line::definition;
     use crate::exit::hint;
-    use clap::CommandFactory;
 
     fn compute() -> Command {
-        let mut command = Cli::command();
+        let mut command = definition();
         command.build();
         command.find_subcommand("compute").expect("compute").clone()
     }
@@ -681,7 +687,6 @@ mod tests {
             "overwrite",
             "verify",
             "config",
-            "no-config",
             "print-config",
             "json",
             "no-timings",
@@ -769,22 +774,22 @@ mod tests {
     fn a_file_is_changed_where_it_must_be_and_nowhere_else() {
         let command = compute();
         let changed = |text: &str, changes: &[(&str, &str)]| changed(text, Path::new("f"), changes, &command);
-        let text = "# mine\noctree-levels = 12 # fine\ntolerance = '1%'\n\nthreads=2";
+        let text = "# mine\nmin-factor = 1e-6 # fine\ntolerance = '1%'\n\nthreads=2";
         assert_eq!(
-            changed(text, &[("octree-levels", "6"), ("store", "compact")]).unwrap(),
-            "# mine\noctree-levels = 6 # fine\ntolerance = '1%'\n\nthreads=2\nstore = \"compact\"\n"
+            changed(text, &[("min-factor", "1e-5"), ("form", "compact")]).unwrap(),
+            "# mine\nmin-factor = 1e-5 # fine\ntolerance = '1%'\n\nthreads=2\nform = \"compact\"\n"
         );
         // A tolerance and sums of pixels exclude each other.
         assert_eq!(
             changed(text, &[("correction", "pixel")]).unwrap(),
-            "# mine\noctree-levels = 12 # fine\n# tolerance = '1%'\n\nthreads=2\ncorrection = \"pixel\"\n"
+            "# mine\nmin-factor = 1e-6 # fine\n# tolerance = '1%'\n\nthreads=2\ncorrection = \"pixel\"\n"
         );
         assert_eq!(changed("", &[("tolerance", "0.3%")]).unwrap(), "tolerance = \"0.3%\"\n");
         for (text, changes, words) in [
             ("x = = 3", [("threads", "1")], "f"),
             ("resolution = 3", [("threads", "1")], "multiple of 16"),
             ("", [("resolution", "3")], "multiple of 16"),
-            ("subdivide = 1\nsplit = 2", [("threads", "1")], "exclude each other"),
+            ("patch-size = 1\nsplit = 2", [("threads", "1")], "exclude each other"),
         ] {
             let error = changed(text, &changes).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");

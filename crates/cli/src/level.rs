@@ -62,15 +62,15 @@ pub(crate) fn explain(error: LevelError) -> anyhow::Error {
             tolerance,
         } => hinted(
             anyhow!(
-                "`--store {}` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
+                "`--form {}` rounds form factors by up to {}, which leaves too little of a tolerance of {}",
                 form.name(),
                 small_percent(rounding),
                 percentage(tolerance)
             ),
             match form {
-                Form::Compact => "`--store plain` rounds nothing",
+                Form::Compact => "`--form plain` rounds nothing",
                 Form::Plain | Form::Double => {
-                    "below 0.000012% (1.2e-7) `--store double` is needed: form factors in f64"
+                    "below 0.000012% (1.2e-7) `--form double` is needed: form factors in f64"
                 }
             },
         ),

@@ -1,7 +1,8 @@
 //! Messages on standard error: lines for people, or JSON for programs. Libraries and the stages of a run log through
 //! `tracing`, filtered by `HEMICUBE_LOG`.
 
-use crate::args::{LogFormat, Talk};
+use crate::args::{Color, LogFormat, Talk};
+use crate::style;
 use crate::escape::{shown, shown_lines};
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,8 +20,9 @@ const TARGET: &str = "hemicube";
 pub(crate) fn start(talk: Talk) {
     let is_json = talk.log_format == LogFormat::Json;
     JSON.store(is_json, Ordering::Relaxed);
+    style::choose(talk.color);
     let level = match (talk.quiet, is_json) {
-        (true, _) => "error",
+        (true, _) => "warn",
         // Own messages and stages; warnings only of the libraries.
         (false, true) => "warn,hemicube=info",
         (false, false) => "warn",
@@ -39,11 +41,12 @@ pub(crate) fn start(talk: Talk) {
 }
 
 impl Talk {
-    /// Silence, for work done a second time.
+    /// Silence, for work done a second time. Nobody can ask for both.
     pub(crate) const SILENT: Self = Self {
         quiet: true,
-        verbose: false,
+        verbose: true,
         no_progress: true,
+        color: Color::Never,
         log_format: LogFormat::Text,
     };
 
@@ -56,16 +59,21 @@ impl Talk {
 
     /// Informs a user who asked for more.
     pub(crate) fn detail(self, text: &str) {
-        if self.verbose {
+        if self.verbose && !self.quiet {
             say(Level::INFO, text);
         }
     }
 
-    /// Warns the user.
+    /// Warns the user, whatever `-q` says: results may be wrong.
     pub(crate) fn warn(self, text: &str) {
-        if !self.quiet {
+        if !self.is_silent() {
             say(Level::WARN, text);
         }
+    }
+
+    /// True for work done a second time.
+    fn is_silent(self) -> bool {
+        self.quiet && self.verbose
     }
 }
 
@@ -79,9 +87,12 @@ fn say(level: Level, text: &str) {
         }
         return;
     }
-    let before = if level == Level::WARN { "warning: " } else { "" };
     // Messages are a courtesy: a closed standard error is no reason to stop.
-    let _ = writeln!(std::io::stderr(), "{before}{}", shown_lines(text));
+    let mut stderr = style::stderr();
+    let _ = match level {
+        Level::WARN => writeln!(stderr, "{} {}", style::WARNING.of("warning:"), shown_lines(text)),
+        _ => writeln!(stderr, "{}", shown_lines(text)),
+    };
 }
 
 /// Acknowledges the first interrupt. A terminal has shown `^C` on the line.
@@ -100,9 +111,9 @@ pub(crate) fn error(message: &str, hint: Option<&str>) {
         return;
     }
     // A closed standard error leaves no way to report it.
-    let mut stderr = std::io::stderr().lock();
-    let _ = writeln!(stderr, "error: {}", shown_lines(message));
+    let mut stderr = style::stderr();
+    let _ = writeln!(stderr, "{} {}", style::ERROR.of("error:"), shown_lines(message));
     if let Some(hint) = hint {
-        let _ = writeln!(stderr, "hint: {}", shown(hint));
+        let _ = writeln!(stderr, "{} {}", style::HINT.of("hint:"), shown(hint));
     }
 }

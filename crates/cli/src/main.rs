@@ -11,7 +11,7 @@
 //! progress outputs table toml_file forecast     progress, the rule of outputs, files people write, memory and disk
 //! report          reports, files, the form of numbers
 //! exit            exit codes, interrupts, errors with hints
-//! log             messages
+//! log style       messages, colour
 //! args help escape shell clock                  argument groups, texts, quoting, clocks
 //! ```
 //!
@@ -41,6 +41,7 @@ mod selection;
 mod shard;
 mod shell;
 mod stored;
+mod style;
 mod table;
 mod toml_file;
 mod verify;
@@ -49,7 +50,7 @@ use crate::command_line::{Cli, Command};
 use crate::config::Layers;
 use crate::exit::Exit;
 use anyhow::Result;
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -61,16 +62,15 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {
-    let Some(arguments) = commands::view3d::arguments_of(arguments.into_iter().collect()) else {
+    let Some(mut arguments) = commands::view3d::arguments_of(arguments.into_iter().collect()) else {
         return Ok(commands::view3d::usage());
     };
-    let mut arguments = command_line::join_json(arguments);
     if arguments.len() == 1 && commands::interactive::is_wanted() {
         arguments.push("interactive".into());
     }
     let arguments = command_line::words_for_flags(arguments);
     // Help and wrong usage end the program here, before anything is read.
-    let definition = Cli::command();
+    let definition = command_line::definition().color(style::asked(&arguments));
     let first = match definition.clone().try_get_matches_from(&arguments) {
         Ok(matches) => matches,
         Err(error) => return command_line::misused(error, &definition, &arguments),
@@ -117,7 +117,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
     talk.detail(settings.trim_end());
     outputs::check(&cli.command.paths())?;
     match cli.command {
-        Command::Interactive(arguments) => commands::interactive::run(&arguments, Cli::command(), talk),
+        Command::Interactive(arguments) => commands::interactive::run(&arguments, command_line::definition(), talk),
         Command::Compute(arguments) => commands::compute::run(*arguments, talk),
         Command::Inspect(arguments) => commands::inspect::run(*arguments, talk),
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
@@ -135,8 +135,8 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
         Command::Report(arguments) => commands::report::run(&arguments, talk),
         Command::View3d(arguments) => commands::view3d::run(&arguments, talk),
         Command::Generate(arguments) => commands::generate::run(&arguments, talk),
-        Command::Manual(arguments) => commands::manual::run(&arguments, Cli::command()),
-        Command::Completions(arguments) => commands::manual::completions(&arguments, Cli::command()),
+        Command::Manual(arguments) => commands::manual::run(&arguments, command_line::definition()),
+        Command::Completions(arguments) => commands::manual::completions(&arguments, command_line::definition()),
         Command::Backends { command } => commands::backends::run(&command),
     }
 }

@@ -2,10 +2,9 @@
 //!
 //! 1. No output is an input or another output, by whatever name or link.
 //! 2. No output lies in the directory of a matrix that the command reads or writes.
-//! 3. An existing output is replaced with `--overwrite` only. A report (`--json`) and a progress file replace a file of
-//!    their own kind and nothing else, so that a resumed run may have the same command line.
+//! 3. An existing output is replaced with `--overwrite` only. A progress file replaces one of its kind and nothing else,
+//!    so that a resumed run may have the same command line.
 
-use crate::args::Report;
 use crate::exit::hinted;
 use anyhow::{Result, anyhow};
 use std::fs::Metadata;
@@ -17,8 +16,8 @@ use std::path::{Component, Path, PathBuf};
 enum Replaces {
     /// Anything with `--overwrite`, and nothing without.
     Asked(bool),
-    /// A report or a progress file of this program.
-    Reports,
+    /// A progress file of this program.
+    Progress,
 }
 
 /// The paths of a command.
@@ -64,12 +63,8 @@ impl Paths {
 
     pub(crate) fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         let outputs = outputs.into_iter().cloned();
-        self.outputs.extend(outputs.map(|path| (flag, path, Replaces::Reports)));
+        self.outputs.extend(outputs.map(|path| (flag, path, Replaces::Progress)));
         self
-    }
-
-    pub(crate) fn reports(self, report: &Report) -> Self {
-        self.tells("--json", &report.json)
     }
 }
 
@@ -98,9 +93,6 @@ pub(crate) fn check(paths: &Paths) -> Result<()> {
     }
     let mut seen: Vec<(&str, &Path, Place)> = Vec::new();
     for (flag, path, replaces) in outputs {
-        if path.as_os_str() == "-" {
-            continue;
-        }
         let shown = path.display();
         let place = Place::of(path);
         let another = "give it another name";
@@ -139,10 +131,10 @@ pub(crate) fn check(paths: &Paths) -> Result<()> {
                         "`--overwrite` replaces it, or choose another name",
                     ));
                 }
-                Replaces::Reports if is_report(path) => {}
-                Replaces::Reports => {
+                Replaces::Progress if is_progress(path) => {}
+                Replaces::Progress => {
                     return Err(hinted(
-                        anyhow!("`{shown}` exists and is no report of hemicube's, and `{flag}` replaces nothing else"),
+                        anyhow!("`{shown}` exists and is no progress file of hemicube's, and `{flag}` replaces nothing else"),
                         another,
                     ));
                 }
@@ -153,8 +145,8 @@ pub(crate) fn check(paths: &Paths) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether a file begins like a report or a progress file.
-fn is_report(path: &Path) -> bool {
+/// Returns whether a file begins like a progress file.
+fn is_progress(path: &Path) -> bool {
     let mut begin = Vec::new();
     let read = hemicube_scene::open_regular(path).and_then(|file| file.take(64).read_to_end(&mut begin));
     let text: Vec<u8> = begin.into_iter().filter(|byte| !byte.is_ascii_whitespace()).collect();
@@ -282,7 +274,7 @@ mod tests {
         let is = |text: &str| {
             let path = place.path().join("file");
             std::fs::write(&path, text).expect("a file");
-            is_report(&path)
+            is_progress(&path)
         };
         assert!(is("{\n  \"schema\": 1,\n") && is("{\"schema\":1}"));
         assert!(!is("") && !is("{\"type\": \"CityJSON\"}") && !is("{\n  \"format\": \"hemicube\""));

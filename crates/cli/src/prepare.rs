@@ -111,27 +111,21 @@ impl SceneSettings {
     /// Refuses two ways of cutting at once, where no layers of settings decide between them.
     ///
     /// # Errors
-    /// When more than one was given.
+    /// When both are given.
     pub(crate) fn require_one_cut(&self) -> Result<()> {
-        let given = [
-            self.subdivide.is_some(),
-            self.split.is_some(),
-            self.patch_size.is_some(),
-        ];
-        if given.iter().filter(|&&given| given).count() > 1 {
+        if self.split.is_some() && self.patch_size.is_some() {
             return Err(anyhow!(
-                "`--subdivide`, `--split` and `--patch-size` are three ways to cut triangles; give one of them"
+                "`--split` and `--patch-size` are two ways to cut triangles; give one of them"
             ));
         }
         Ok(())
     }
 
-    /// Subdivision of triangles. At most one of the three settings is left when the layers are gathered.
+    /// Subdivision of triangles. At most one of the two settings is left when the layers are gathered.
     pub(crate) fn subdivision(&self) -> Subdivision {
-        match (self.subdivide, self.split, self.patch_size) {
-            (Some(levels), _, _) => Subdivision::Levels(levels),
-            (_, Some(pieces), _) => Subdivision::Split(pieces),
-            (_, _, Some(length)) => Subdivision::PatchSize(length),
+        match (self.split, self.patch_size) {
+            (Some(pieces), _) => Subdivision::Split(pieces),
+            (_, Some(length)) => Subdivision::PatchSize(length),
             _ => Subdivision::None,
         }
     }
@@ -193,11 +187,7 @@ impl RenderArguments {
 impl EngineSettings {
     /// Subdivision of the octree.
     pub(crate) fn hierarchy(&self) -> HierarchyOptions {
-        let suits = HierarchyOptions::default();
-        HierarchyOptions {
-            max_level: self.octree_levels.or(suits.max_level),
-            min_patches: self.min_patches.or(suits.min_patches),
-        }
+        HierarchyOptions::default()
     }
 
     /// Number of worker threads.
@@ -389,7 +379,7 @@ fn require_room(path: &Path, scene: &Scene, settings: &SceneSettings, work: Work
         counted(refused.patch_count, "patch"),
     );
     let finest = match refused.finest {
-        Some(Subdivision::Levels(levels)) => Some(format!("--subdivide {levels}")),
+        Some(Subdivision::Levels(levels)) => Some(format!("--split {}", 1u64 << levels.min(32))),
         Some(Subdivision::Split(pieces)) => Some(format!("--split {pieces}")),
         Some(Subdivision::PatchSize(length)) => Some(format!("--patch-size {length}")),
         Some(Subdivision::None) | None => None,

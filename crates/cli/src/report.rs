@@ -4,6 +4,7 @@ use crate::args::{Report, Talk};
 use crate::escape::{shown, shown_lines};
 use crate::exit::{OutputClosed, hinted};
 use crate::shell::word;
+use crate::style;
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::diagnose::Place;
 use hemicube::store::{self, DurableFile};
@@ -42,8 +43,16 @@ fn print_json(text: &str) -> Result<()> {
     print_raw(&shown)
 }
 
+/// Writes text with verdicts in its lines to standard output: these in colour, on a terminal.
+///
+/// # Errors
+/// Like [`print`].
+pub(crate) fn print_verdicts(text: &str) -> Result<()> {
+    print_raw(&style::verdicts(&shown_lines(text)))
+}
+
 fn print_raw(text: &str) -> Result<()> {
-    let mut stdout = io::stdout().lock();
+    let mut stdout = style::stdout();
     stdout
         .write_all(text.as_bytes())
         .and_then(|()| stdout.flush())
@@ -56,13 +65,6 @@ pub(crate) fn output_error(error: io::Error) -> anyhow::Error {
         anyhow::Error::new(OutputClosed)
     } else {
         anyhow::Error::new(error).context("standard output cannot be written")
-    }
-}
-
-impl Report {
-    /// Returns whether standard output is the report's.
-    pub(crate) fn is_to_stdout(&self) -> bool {
-        self.json.as_ref().is_some_and(|path| path.as_os_str() == "-")
     }
 }
 
@@ -117,45 +119,24 @@ pub(crate) fn require_matrix(path: &Path) -> Result<()> {
     Err(hinted(error, step))
 }
 
-/// A JSON report. Its file is opened before the work that it reports.
-#[derive(Debug)]
-pub(crate) struct JsonReport {
-    file: Option<PendingFile>,
-}
+/// A JSON report on standard output.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct JsonReport(());
 
 impl JsonReport {
-    /// Opens the file of `--json`; `None` without the option.
-    ///
-    /// # Errors
-    /// When it cannot be written.
-    pub(crate) fn open(arguments: &Report) -> Result<Option<Self>> {
-        let Some(path) = &arguments.json else { return Ok(None) };
-        if path.as_os_str() == "-" {
-            return Ok(Some(Self { file: None }));
-        }
-        if path.is_dir() {
-            bail!("`{}` is a directory; `--json` needs the name of a file", path.display());
-        }
-        Ok(Some(Self {
-            file: Some(PendingFile::create(path)?),
-        }))
+    /// The report of `--json`; `None` without the option.
+    pub(crate) fn asked(arguments: &Report) -> Option<Self> {
+        arguments.json.then_some(Self(()))
     }
 
-    /// Writes the report.
+    /// Prints the report.
     ///
     /// # Errors
     /// When it cannot be written.
     pub(crate) fn write(self, report: &impl Serialize) -> Result<()> {
         let mut text = serde_json::to_string_pretty(report).context("the report is no JSON")?;
         text.push('\n');
-        match self.file {
-            None => print_json(&text),
-            Some(mut file) => {
-                file.write_all(text.as_bytes())
-                    .with_context(|| format!("`{}` cannot be written", file.path.display()))?;
-                file.commit()
-            }
-        }
+        print_json(&text)
     }
 }
 

@@ -54,8 +54,7 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         globs.filter_map(|glob| glob.as_str().map(str::to_owned)).collect()
     };
     Ok(SceneSettings {
-        subdivide,
-        split,
+        split: pieces.filter(|&pieces| pieces > 1).and_then(|pieces| u32::try_from(pieces).ok()),
         patch_size: settings["subdivision"]["patch_size"].as_f64(),
         two_sided: match settings["two_sided"].as_str() {
             Some("on") => AutoSwitch::On,
@@ -105,6 +104,34 @@ impl From<&SceneSettings> for Limits {
             memory: settings.memory,
         }
     }
+}
+
+/// The file of a matrix's scene where it is found: beside the matrix, or in the working directory.
+pub(crate) fn found_scene(store: &Store) -> Option<PathBuf> {
+    let name = Path::new(&store.manifest().scene.file);
+    let name = name.file_name()?;
+    let beside = store.directory().parent().map(|folder| folder.join(name));
+    beside.into_iter().chain([PathBuf::from(name)]).find(|path| path.exists())
+}
+
+/// The file of a matrix's scene: the one given, or the one that the matrix names.
+///
+/// # Errors
+/// When none is given, and it is neither beside the matrix nor in the working directory.
+pub(crate) fn scene_file(store: &Store, given: Option<&Path>, option: &str) -> Result<PathBuf> {
+    if let Some(given) = given {
+        return Ok(given.to_owned());
+    }
+    found_scene(store).ok_or_else(|| {
+        hinted(
+            anyhow!(
+                "`{}` is the matrix of `{}`, which is neither beside it nor in this directory",
+                store.directory().display(),
+                store.manifest().scene.file
+            ),
+            format!("say where the scene is: {option}"),
+        )
+    })
 }
 
 /// Reads and cuts the scene of a matrix as for its computation.
@@ -198,7 +225,7 @@ pub(crate) fn guessed_up(store: &Store, path: &Path) -> Result<Option<Up>> {
     Ok(found.known().is_none().then_some(found))
 }
 
-/// The sky rows beside a matrix, from `hemicube sky --store`.
+/// The sky rows beside a matrix, from `hemicube sky --matrix`.
 ///
 /// # Errors
 /// When there are none, or the matrix has been computed anew from another scene.
@@ -229,7 +256,7 @@ fn sky_record(store: &Store) -> Result<Value> {
     let path = sky_beside(store);
     let record = path.with_extension("json");
     let step = format!(
-        "`hemicube sky SCENE --store {}` computes them",
+        "`hemicube sky SCENE --matrix {}` computes them",
         store.directory().display()
     );
     if !path.exists() || !record.exists() {

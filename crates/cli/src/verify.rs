@@ -537,7 +537,7 @@ impl Verification {
             list.add(
                 "closure",
                 format!(
-                    "ΣF and what is lost come to 1 up to {} on average, {} at most{beyond}",
+                    "|sum of F + escaped + blocked - 1| is {} on average, {} at most{beyond}",
                     figures(c.mean),
                     figures(c.max)
                 ),
@@ -597,7 +597,44 @@ impl Verification {
         }
     }
 
-    /// Text for people.
+    /// The measured error and the verdict, in a line.
+    pub(crate) fn line(&self) -> String {
+        if self.rows == 0 {
+            return format!("no row{}", if self.interrupted { "; interrupted" } else { "" });
+        }
+        let m = &self.measured;
+        let is_whole = self.rows >= self.rows_computed;
+        let (rows, of, interval) = if is_whole {
+            (format!("all {}", counted(self.rows, "row")), "them", m.interval_of_rows)
+        } else {
+            (counted(self.rows, "row"), "the whole matrix", m.interval_of_matrix)
+        };
+        let verdict = match (self.tolerance, self.verdict) {
+            (Some(tolerance), Some(verdict)) => format!(": {}", self.says(verdict, tolerance)),
+            _ => String::new(),
+        };
+        format!(
+            "{} by rays in {rows}, {} to {} in {of} (95 %){verdict}{}",
+            percent(m.relative_frobenius),
+            percent(interval.low),
+            percent(interval.high),
+            if self.interrupted { "; interrupted" } else { "" },
+        )
+    }
+
+    /// A verdict on the tolerance, in words.
+    fn says(&self, verdict: Verdict, tolerance: f64) -> String {
+        match verdict {
+            Verdict::Kept => format!("{} kept", percentage(tolerance)),
+            Verdict::Broken => {
+                format!("FAILED, {} is not kept; a smaller `--tolerance` leaves a margin", percentage(tolerance))
+            }
+            Verdict::UnsureForNoise => "the reference is too noisy to judge".to_owned(),
+            Verdict::UnsureForRows => format!("too few rows to judge; try `--verify {}`", 4 * self.rows_asked),
+        }
+    }
+
+    /// All that was measured, for `-v`.
     pub(crate) fn text(&self) -> String {
         let m = &self.measured;
         let mut list = Listing::default();
@@ -639,7 +676,7 @@ impl Verification {
             ),
         );
         list.add(
-            "row sums",
+            "sum of F",
             format!(
                 "off by {} on average, {} at most; the reference's own noise is {}",
                 figures(m.row_sum_error.mean),
@@ -667,17 +704,7 @@ impl Verification {
         };
         list.add("reference", noise + &short);
         if let (Some(tolerance), Some(verdict)) = (self.tolerance, self.verdict) {
-            let says = match verdict {
-                Verdict::Kept => "kept".to_owned(),
-                Verdict::Broken => "FAILED: not kept; a smaller `--tolerance` leaves a margin".to_owned(),
-                Verdict::UnsureForNoise => "cannot be told: the reference's noise is too large".to_owned(),
-                Verdict::UnsureForRows => format!(
-                    "cannot be told from {}: `--verify {}` takes more",
-                    counted(self.rows, "row"),
-                    4 * self.rows_asked
-                ),
-            };
-            list.add("tolerance", format!("{}: {says}", percentage(tolerance)));
+            list.add("tolerance", self.says(verdict, tolerance));
         }
         list.text()
     }

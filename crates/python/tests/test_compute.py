@@ -62,11 +62,11 @@ def files(directory: pathlib.Path) -> dict[str, bytes]:
         (
             {"split": 4},
             {"tolerance": 0.03, "store": "compact", "occluders": ["*block*"]},
-            "--split 4 --tolerance 3% --store compact --occluders *block*".split(),
+            "--split 4 --tolerance 3% --form compact --occluders *block*".split(),
         ),
-        ({}, {"sample_rows": 20, "seed": 7, "engine": "depth"}, "--sample-rows 20 --seed 7 --engine depth".split()),
+        ({}, {"sample_rows": 20, "seed": 7, "engine": "depth"}, "--rows 20 --seed 7 --engine depth".split()),
         ({}, {"rows": (3, 17), "culling": False}, "--rows 3..17 --culling off".split()),
-        ({"split": 2}, {"patches": "object", "rows": (2, 5)}, "--split 2 --patches object --rows 2..5".split()),
+        ({"split": 2}, {"patches": "object", "rows": (2, 5)}, "--split 2 --by object --rows 2..5".split()),
     ],
 )
 def test_a_store_is_the_programs_to_the_byte(
@@ -77,7 +77,7 @@ def test_a_store_is_the_programs_to_the_byte(
     program: Callable[..., None],
     tmp_path: pathlib.Path,
 ) -> None:
-    program("compute", cornell_box, "-o", tmp_path / "program", "--quiet", "--no-config", "--backend", "cpu", *flags)
+    program("compute", cornell_box, "-o", tmp_path / "program", "--quiet", "--config=none", "--backend", "cpu", *flags)
     read = hemicube.Scene.load(cornell_box, **scene)  # type: ignore[arg-type]
     matrix = hemicube.compute(read, output=tmp_path / "python", threads=2, **keywords)  # type: ignore[arg-type]
     theirs, ours = files(tmp_path / "program"), files(tmp_path / "python")

@@ -216,7 +216,7 @@ def test_heat_is_the_programs(cornell_box: pathlib.Path, program: Callable[..., 
         f'[material."{first}"]\nemissivity = 0.95\ntemperature = 700\n[material."{second}"]\nadiabatic = true\n'
     )
     program(
-        "solve", tmp_path / "box", "--thermal", "--materials", tmp_path / "oven.toml", "--ambient", 280,
+        "solve", tmp_path / "box", "--thermal", "--materials", tmp_path / "oven.toml", "--sky-temperature", 280,
         "-o", tmp_path / "theirs.npz", "--quiet",
     )  # fmt: skip
     theirs = np.load(tmp_path / "theirs.npz")

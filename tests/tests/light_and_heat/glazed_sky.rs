@@ -135,7 +135,7 @@ fn a_matrix_with_panes_has_the_sky_that_escapes_through_them() {
         ))
         .is(0);
     // The matrix's own mirrors and panes; others are refused.
-    place.line("sky street.obj --store street --quiet").is(0);
+    place.line("sky street.obj --matrix street --quiet").is(0);
     let report = place.line("check street --json").is(0).json();
     assert_eq!(report["ok"], true, "{report}");
     let sky = StoredSky::open(&place.path("street/sky/sky.npz")).expect("sky rows");
@@ -147,7 +147,7 @@ fn a_matrix_with_panes_has_the_sky_that_escapes_through_them() {
     }
     place.write("glass.toml", "[object.facade]\nspecular = 0.5\n");
     place
-        .line("sky street.obj --store street --specular glass.toml")
+        .line("sky street.obj --matrix street --specular glass.toml")
         .is(2)
         .says(&["are not those of"]);
 }

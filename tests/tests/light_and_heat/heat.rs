@@ -48,7 +48,7 @@ type Surfaces = BTreeMap<String, (f64, [f64; 3])>;
 
 fn surfaces(place: &Place, line: &str) -> (Surfaces, Value) {
     place
-        .line(&format!("{line} --surfaces by.json --overwrite --quiet"))
+        .line(&format!("{line} -o by.json --overwrite --quiet"))
         .is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     let json: Value = serde_json::from_str(&text).expect("JSON");
@@ -102,7 +102,7 @@ fn objects_have_properties_and_heat_adds_up() {
         "[default]\nemissivity = 0.9\ntemperature = 293.15\n[material.floor]\ntemperature = 303.15\n",
     );
     let ran = place
-        .line("solve room --thermal --materials old.toml --surfaces by.csv")
+        .line("solve room --thermal --materials old.toml --by object -o by.csv")
         .is(0)
         .says(&["no material is called `floor`"]);
     assert!(
@@ -186,10 +186,10 @@ fn names_that_nothing_has_and_contradictions_are_refused() {
     refused(
         &place,
         &format!("{line} --ground 5C"),
-        &["--ground", "hemicube sky SCENE --store room"],
+        &["--ground", "hemicube sky SCENE --matrix room"],
     );
-    refused(&place, &format!("{line} --ambient 20F"), &["20 °C"]);
-    refused(&place, &format!("{line} --surfaces x.txt"), &[".csv or .json"]);
+    refused(&place, &format!("{line} --sky-temperature 20F"), &["20 °C"]);
+    refused(&place, &format!("{line} --by object -o x.txt"), &[".csv or .json"]);
     refused(&place, "solve room --materials m.toml --by object", &["--thermal"]);
     let ran = place.line(&format!("{line} --max-iterations 1 --tolerance 1e-12"));
     assert_eq!(ran.code, Some(1));
@@ -205,7 +205,7 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
          temperature = \"5 °C\"\n[object.\"*st\"]\nisothermal = true\n\
          [object.\"*th\"]\nheat = -50\nisothermal = true\n",
     );
-    for extra in ["", "--method jacobi", "--network object"] {
+    for extra in ["", "--method jacobi", "--network --by object"] {
         let (found, json) = surfaces(&place, &format!("solve room --thermal --materials m.toml {extra}"));
         for (name, heat) in [
             ("floor", 1200.0),
@@ -228,7 +228,7 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
             );
         }
         let [_, least, most] = found["floor"].1;
-        assert_eq!(extra == "--network object", least == most, "{extra}: {least} to {most}");
+        assert_eq!(extra == "--network --by object", least == most, "{extra}: {least} to {most}");
     }
     // Everything with one temperature, the rest floating: nothing flows.
     place.write(
@@ -236,7 +236,7 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
         "[default]\nemissivity = 0.7\ntemperature = 300\n[object.east]\nisothermal = true\n[object.floor]\nadiabatic = \
          true\n[object.west]\nheat = 0\n",
     );
-    let (found, _) = surfaces(&place, "solve room --thermal --materials same.toml --tolerance 1e-10");
+    let (found, _) = surfaces(&place, "solve room --thermal --materials same.toml --residual 1e-10");
     let black = STEFAN_BOLTZMANN * 300.0_f64.powi(4);
     for (name, (heat, kelvin)) in found {
         assert!(heat.abs() < 1e-6 * black, "{name}: {heat} W");
@@ -281,12 +281,12 @@ fn sky_and_ground_have_temperatures_of_their_own() {
         "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 -1\nv 1 0 -1\nv 1 1 -1\nv 0 1 -1\no top\nf 1 2 3 4\no bottom\nf 8 7 6 5\n",
     );
     place.line("compute plate.obj -o plate --quiet").is(0);
-    place.line("sky plate.obj --up z --store plate --quiet");
+    place.line("sky plate.obj --up z --matrix plate --quiet");
     place.write(
         "m.toml",
         "[default]\nemissivity = 0.8\ntemperature = 300\n[object.bottom]\nadiabatic = true\n",
     );
-    let line = "solve plate --thermal --materials m.toml --ambient -20C --ground 310";
+    let line = "solve plate --thermal --materials m.toml --sky-temperature -20C --ground-temperature 310";
     let (found, json) = surfaces(&place, line);
     let black = |kelvin: f64| STEFAN_BOLTZMANN * kelvin.powi(4);
     let top = 0.8 * (black(300.0) - black(253.15));
@@ -363,7 +363,7 @@ fn prism(place: &Place, case: &str) {
     };
     // One radiosity a side: 640.68 and 598.77 K, for which a 3 × 3 system is enough.
     near(
-        solved("--materials free.toml --network material"),
+        solved("--materials free.toml --network --by material"),
         [640.68, 598.77],
         0.5,
         "a network",
@@ -372,7 +372,7 @@ fn prism(place: &Place, case: &str) {
     near(solved("--materials iso.toml"), [642.6, 599.6], 0.5, "isothermal");
     // Faces of 1 m.
     near(
-        solved("--materials free.toml --network face"),
+        solved("--materials free.toml --network --by face"),
         [652.62, 604.64],
         0.5,
         "free",
@@ -419,7 +419,7 @@ fn exchange_is_conserved_and_reproduces_the_solution() {
         .sum();
     let (found, _) = surfaces(
         &place,
-        "solve room --thermal --materials m.toml --network object --tolerance 1e-10",
+        "solve room --thermal --materials m.toml --network --by object --residual 1e-10",
     );
     assert!(
         (heat / found["floor"].0 - 1.0).abs() < 1e-5,

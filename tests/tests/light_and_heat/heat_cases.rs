@@ -124,7 +124,7 @@ fn a_billet_in_a_furnace_has_the_heat_of_two_grey_surfaces_and_no_factor_above_o
          [material.steel]\nemissivity = 0.8\ntemperature = \"20 °C\"\n",
     );
     place
-        .line("compute furnace.obj --patches material --split 3 -o m --no-config -q")
+        .line("compute furnace.obj --by material --split 3 -o m --config=none -q")
         .is(0);
     // Sums of the elements' closed forms come to 1.0000056.
     let checked = place.line("check m").is(0);
@@ -144,7 +144,7 @@ fn a_flat_at_one_temperature_is_at_rest_and_its_doors_are_not_cold() {
     let place = Place::new();
     place.write("flat.obj", flat());
     place.write("rest.toml", "[default]\nemissivity = 0.9\ntemperature = \"18 °C\"\n");
-    let computed = place.line("compute flat.obj --patch-size 0.8 -o m --no-config").is(0);
+    let computed = place.line("compute flat.obj --patch-size 0.8 -o m --config=none").is(0);
     // The door's back and the cupboard's inside are backs, and no reason to turn the room round.
     assert!(!computed.err.contains("wrong way"), "{}", computed.err);
     let solved = place.line("solve m --thermal --materials rest.toml --by object").is(0);
@@ -194,7 +194,7 @@ fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_
     let place = Place::new();
     place.write("tank.obj", tank());
     for kind in ["object", "material"] {
-        let line = format!("compute tank.obj --patches {kind} --split 4 -o {kind} --no-config -q");
+        let line = format!("compute tank.obj --patches {kind} --split 4 -o {kind} --config=none -q");
         place.line(&line).is(0);
     }
     let solved = |store: &str, tables: &str, rest: &str| {
@@ -203,7 +203,7 @@ fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_
             format!("[default]\nemissivity = 1\ntemperature = 300\n\n{tables}"),
         );
         place.line(&format!(
-            "solve {store} --thermal --materials tank.toml --ambient 300{rest}"
+            "solve {store} --thermal --materials tank.toml --sky-temperature 300{rest}"
         ))
     };
     let exact = 5.670_374_419e-8 * 4.0 * (400.0f64.powi(4) - 300.0f64.powi(4));
@@ -233,7 +233,7 @@ fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_
         (
             "material",
             hot,
-            ["`paint` has patches of several objects", "--patches object"],
+            ["`paint` has patches of several objects", "--by object"],
         ),
     ] {
         solved(store, tables, "").is(2).says(&words);
@@ -273,10 +273,10 @@ fn panels_of_a_satellite_are_nodes_of_two_sides() {
          [object.\"cells*\"]\nemissivity = 0.85\n\n[object.\"back*\"]\nemissivity = 0.7\n",
     );
     place
-        .line("compute satellite.obj --split 3 --tolerance 0.5% -o m --no-config -q")
+        .line("compute satellite.obj --split 3 --tolerance 0.5% -o m --config=none -q")
         .is(0);
     let solved = place
-        .line("solve m --thermal --materials satellite.toml --ambient 0 --by object")
+        .line("solve m --thermal --materials satellite.toml --sky-temperature 0 --by object")
         .is(0);
     let kelvin = |name: &str| -> f64 {
         let line = solved

@@ -166,7 +166,7 @@ const HEATED: &str = "[default]\nemissivity = 0.9\nadiabatic = true\n[object.\"A
 /// Results by surface as JSON.
 fn solved(place: &Place, line: &str, code: i32) -> Value {
     place
-        .line(&format!("{line} --surfaces by.json --overwrite --quiet"))
+        .line(&format!("{line} -o by.json --overwrite --quiet"))
         .is(code);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     serde_json::from_str(&text).expect("JSON")
@@ -227,7 +227,7 @@ fn what_a_furnace_is_given_is_taken_up_without_balance() {
     for patches in ["triangle", "object"] {
         place
             .line(&format!(
-                "compute furnace.obj --patches {patches} --tolerance 0.5% -o {patches} -q --no-config"
+                "compute furnace.obj --patches {patches} --tolerance 0.5% -o {patches} -q --config=none"
             ))
             .is(0);
         let solve = format!("solve {patches} --thermal --materials m.toml");
@@ -260,7 +260,7 @@ fn what_a_furnace_of_11000_triangles_is_given_is_taken_up_within_a_ten_thousandt
     place.write("furnace.obj", &model.text);
     place.write("m.toml", furnace_materials());
     for patches in ["triangle", "object"] {
-        let compute = format!("compute furnace.obj --patches {patches} --tolerance 0.1% -o {patches} -q --no-config");
+        let compute = format!("compute furnace.obj --patches {patches} --tolerance 0.1% -o {patches} -q --config=none");
         // Longer than a run of other tests may be.
         let ended = place.command(&compute).status().expect("the program starts");
         assert!(ended.success(), "{compute}");
@@ -281,7 +281,7 @@ fn both_directions_have_one_exchange_area_and_it_is_the_small_patchs() {
     // Of black surfaces the total exchange area is A_i F_ij.
     place.write("m.toml", "[default]\nemissivity = 1.0\n");
     place
-        .line("compute furnace.obj --patches object --tolerance 1% -o F -q --no-config")
+        .line("compute furnace.obj --by object --tolerance 1% -o F -q --config=none")
         .is(0);
     let areas = |matrix: &str, options: &str| {
         place
@@ -338,7 +338,7 @@ fn heat_into_a_closed_adiabatic_room_beside_another_is_refused_at_any_tolerance(
         for tolerance in ["", "--tolerance 1%", "--tolerance 0.1%"] {
             place
                 .line(&format!(
-                    "compute {} {tolerance} -o F{at} --overwrite -q --no-config",
+                    "compute {} {tolerance} -o F{at} --overwrite -q --config=none",
                     scene.display()
                 ))
                 .is(0);
@@ -381,7 +381,7 @@ fn a_small_opening_connects_two_rooms() {
     let place = Place::new();
     place.write("rooms.obj", &model.text);
     place.write("m.toml", HEATED);
-    place.line("compute rooms.obj --tolerance 1% -o F -q --no-config").is(0);
+    place.line("compute rooms.obj --tolerance 1% -o F -q --config=none").is(0);
     let found = solved(&place, "solve F --thermal --materials m.toml", 0);
     assert_eq!(found["enclosures"].as_array().map(Vec::len), Some(1));
     assert!(
@@ -402,12 +402,12 @@ fn at_one_temperature_nothing_flows_closed_or_open() {
             let matrix = format!("{scene}-{patches}");
             place
                 .line(&format!(
-                    "compute {scene}.obj --patches {patches} -o {matrix} -q --no-config"
+                    "compute {scene}.obj --patches {patches} -o {matrix} -q --config=none"
                 ))
                 .is(0);
             for method in ["gmres", "jacobi", "gauss-seidel"] {
                 let line = format!(
-                    "solve {matrix} --thermal --materials m.toml --ambient 300 --by object --tolerance 1e-10 --method \
+                    "solve {matrix} --thermal --materials m.toml --sky-temperature 300 --by object --residual 1e-10 --method \
                      {method}"
                 );
                 let found = solved(&place, &line, 0);
@@ -429,7 +429,7 @@ fn what_rows_lack_is_named_above_a_hundredth_and_refused_above_a_tenth() {
         "[default]\nemissivity = 0.9\ntemperature = 300\n[object.A_floor]\ntemperature = 400\n[object.B_floor]\n\
          temperature = 301\n",
     );
-    place.line("compute rooms.obj --tolerance 1% -o F -q --no-config").is(0);
+    place.line("compute rooms.obj --tolerance 1% -o F -q --config=none").is(0);
     let solve = "--thermal --materials m.toml --by object";
     place.line(&format!("solve F {solve}")).is(0);
     // The rows of B, of which little heat flows, are off; A's are right.
@@ -477,16 +477,16 @@ fn balance_takes_patches_that_see_themselves() {
     );
     place.write("cube.obj", &model.text);
     place
-        .line("compute cube.obj --patches object -o F -q --no-config")
+        .line("compute cube.obj --by object -o F -q --config=none")
         .is(0);
     let report = place
         .line("balance F -o closed --reciprocity --closure --json")
         .is(0)
         .json();
     assert!(number(&report["balance"]["after"]["closure_max"]) < 1e-6, "{report}");
-    place.line("check closed --reciprocity 1e-6 --closure 1e-6").is(0);
+    place.line("check closed --max-reciprocity 1e-6 --max-closure 1e-6").is(0);
     // From the rest four fifths go to itself less what the floor takes: 1 − 0.2.
-    let zones = place.line("export closed zones.csv --by object").is(0);
+    let zones = place.line("export closed -o zones.csv --by object").is(0);
     let table = std::fs::read_to_string(place.path("zones.csv")).unwrap_or_else(|_| panic!("{}", zones.err));
     let rest = table
         .lines()
@@ -505,7 +505,7 @@ fn balance_takes_patches_that_see_themselves() {
 fn check_judges_reciprocity_and_closure_by_what_was_asked() {
     let place = Place::new();
     place.line("generate room --patches 300 -o room.obj -q").is(0);
-    place.line("compute room.obj --tolerance 1% -o F -q --no-config").is(0);
+    place.line("compute room.obj --tolerance 1% -o F -q --config=none").is(0);
     let checked = place.line("check F").is(0).out;
     assert!(
         checked.contains("Everything holds") && !checked.contains("no bound"),
@@ -532,6 +532,6 @@ fn check_judges_reciprocity_and_closure_by_what_was_asked() {
         "{report}"
     );
     place.line("check off --strict").is(1);
-    place.line("check off --reciprocity 0.9 --closure 0.9").is(0);
-    place.line("check off --reciprocity 0.1").is(1);
+    place.line("check off --max-reciprocity 0.9 --max-closure 0.9").is(0);
+    place.line("check off --max-reciprocity 0.1").is(1);
 }

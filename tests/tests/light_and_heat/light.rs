@@ -129,10 +129,10 @@ fn a_closed_room_is_e_over_one_minus_rho_by_every_method() {
         "bands = [\"low\", \"high\"]\n[default]\nreflectance = [0.5, 0.8]\nemission = [1, 3]\n",
     );
     // One pixel sum a row sums to 1 exactly.
-    place.line("compute cube.obj --subdivide 3 --correction pixel -o F --no-config");
+    place.line("compute cube.obj --split 8 --correction pixel -o F --config=none");
     for method in ["gmres", "gauss-seidel", "jacobi"] {
         let report = place.json(&format!(
-            "solve F --materials m.toml --method {method} --tolerance 1e-7 --json"
+            "solve F --materials m.toml --method {method} --residual 1e-7 --json"
         ));
         assert_eq!(report["converged"], true);
         let b = place.solution("F", "radiosity", "radiosity");
@@ -165,16 +165,16 @@ fn few_memory_and_many_right_hand_sides_change_nothing() {
     let place = Place::new();
     place.write("cube.obj", &cube());
     place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.6\n");
-    place.line("compute cube.obj --subdivide 4 --store compact -o F --no-config");
+    place.line("compute cube.obj --split 16 --form compact -o F --config=none");
     let patches = 12 * 256;
     let rows: Vec<Vec<f64>> = (0..5)
         .map(|row| (0..patches).map(|p| f64::from(u8::from(p % 7 == row))).collect())
         .collect();
     std::fs::write(place.path("e.npy"), npy(&rows)).expect("a file");
-    place.line("solve F --materials m.toml --emission e.npy --name much -o much.npz -o much.csv");
+    place.line("solve F --materials m.toml --emission e.npy --solution much -o much.npz -o much.csv");
     // So little that right-hand sides are solved one by one, and the matrix is read again each time.
     let report =
-        place.json("solve F --materials m.toml --emission e.npy --name little --memory 1kB --threads 1 --json");
+        place.json("solve F --materials m.toml --emission e.npy --solution little --memory 1kB --threads 1 --json");
     assert_eq!(report["residuals"].as_array().expect("residuals").len(), 5);
     let (much, little) = (
         place.solution("F", "much", "radiosity"),
@@ -189,7 +189,7 @@ fn few_memory_and_many_right_hand_sides_change_nothing() {
     assert!(place.path("much.npz").is_file());
 
     // A matrix that was computed anew does not have the old one's solutions.
-    place.line("compute cube.obj --subdivide 3 -o F --overwrite --no-config");
+    place.line("compute cube.obj --split 8 -o F --overwrite --config=none");
     let store = Store::open(&place.path("F")).expect("a store");
     assert!(StoredSolution::open(&store, "much").is_err_and(|error| error.to_string().contains("another matrix")));
 }
@@ -198,7 +198,7 @@ fn few_memory_and_many_right_hand_sides_change_nothing() {
 fn what_cannot_be_solved_is_refused_with_the_next_step() {
     let place = Place::new();
     place.write("cube.obj", &cube());
-    place.line("compute cube.obj --subdivide 1 --correction pixel --samples 4 --resolution 64 -o F --no-config");
+    place.line("compute cube.obj --split 2 --correction pixel --samples 4 --resolution 64 -o F --config=none");
     place.fails("solve F", &["no reflectance is known of `m0`", "--materials"]);
     place.write("dark.toml", "[default]\nreflectance = 0.5\n");
     place.fails("solve F --materials dark.toml", &["nothing emits"]);
@@ -217,11 +217,11 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     place.fails("view model F cube.obj -o x.jpg --show seen", &[".png or .svg"]);
     place.fails("sky cube.obj -o sky", &["which axis points up", "--up"]);
     place.fails(
-        "sky cube.obj --up z -o sky --subdivide 1 --split 2",
+        "sky cube.obj --up z -o sky --split 2 --split 2",
         &["three ways to cut"],
     );
-    place.fails("sky cube.obj -o sky --store F", &["cannot be used with"]);
-    place.line("compute cube.obj --subdivide 1 --rows 0..5 -o G --no-config");
+    place.fails("sky cube.obj -o sky --matrix F", &["cannot be used with"]);
+    place.line("compute cube.obj --split 2 --rows 0..5 -o G --config=none");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
     place.fails("solve G --materials lit.toml", &["rows of 5 patches only"]);
     // A solution that does not converge is kept, says so, and ends with 1.
@@ -236,7 +236,7 @@ fn at_equilibrium(scene: &std::path::Path, settings: &str) {
     let scene = scene.display().to_string();
     place.line(&format!("compute {scene} -o m {settings} --quiet"));
     place.write("iso.toml", "[default]\nemissivity = 0.7\ntemperature = 300\n");
-    place.line("solve m --thermal --materials iso.toml --ambient 300");
+    place.line("solve m --thermal --materials iso.toml --sky-temperature 300");
     let black = STEFAN_BOLTZMANN * 300.0f64.powi(4);
     let flux = &place.solution("m", "thermal", "flux")[0];
     let worst = flux.iter().fold(0.0f64, |worst, flux| worst.max(flux.abs()));
@@ -249,7 +249,7 @@ fn at_equilibrium(scene: &std::path::Path, settings: &str) {
         "white.toml",
         "bands = [\"all\"]\n[default]\nreflectance = 0.6\nemission = 0.4\n",
     );
-    place.line(&format!("sky {scene} --up z --store m --quiet"));
+    place.line(&format!("sky {scene} --up z --matrix m --quiet"));
     std::fs::write(place.path("even.npy"), npy(&[vec![std::f64::consts::FRAC_1_PI; 146]])).expect("a file");
     place.line("solve m --materials white.toml --sky-radiance even.npy");
     let light = &place.solution("m", "radiosity", "radiosity")[0];
@@ -327,7 +327,7 @@ fn every_row_adds_up() {
     let place = Place::new();
     place.line("generate maze --patches 3000 --seed 7 -o maze.obj");
     adds_up(&place.path("maze.obj"), "");
-    adds_up(&workspace().join("crates/scene/data/cornell-box.obj"), "--subdivide 2");
+    adds_up(&workspace().join("crates/scene/data/cornell-box.obj"), "--split 4");
     if let Some(scenes) = scenes_or_skip("every_row_adds_up") {
         adds_up(&scenes.join("../cases/open-scene/blocks.obj"), "");
         adds_up(&scenes.join("interior/aggressor.obj"), "");
@@ -358,7 +358,7 @@ fn rows_cut_short_by_their_bound_add_up() {
         text.push_str("f -3 -2 -1\n");
     }
     std::fs::write(place.path("slivers.obj"), text).expect("written");
-    place.line("compute slivers.obj -o m --sample-rows 4 --two-sided on --quiet");
+    place.line("compute slivers.obj -o m --rows 4 --two-sided on --quiet");
     let store = Store::open(&place.path("m")).expect("a store");
     let [most, ..] = off_one(&store);
     assert!(most <= 0.02, "{most}");
@@ -494,7 +494,7 @@ fn the_sky_is_told_from_backs_though_every_form_factor_is_zero() {
         ("--tolerance 1e-6", 1e-3),
     ] {
         place.line(&format!(
-            "compute back.obj -o m --patches face {settings} --quiet --overwrite"
+            "compute back.obj -o m --by face {settings} --quiet --overwrite"
         ));
         let rows = Store::open(&place.path("m"))
             .expect("a store")
@@ -534,7 +534,7 @@ fn shares_of_the_sky_beside_a_matrix_are_the_matrixs() {
     std::fs::write(place.path("slit.obj"), obj(&quads)).expect("written");
     for settings in ["", "--tolerance 1%"] {
         place.line(&format!("compute slit.obj -o m {settings} --up z --quiet --overwrite"));
-        place.line("sky slit.obj --store m --csv sky.csv --overwrite --quiet");
+        place.line("sky slit.obj --matrix m -o sky.csv --overwrite --quiet");
         let store = Store::open(&place.path("m")).expect("a store");
         let rows = store.row_table().expect("rows").clone();
         let part = store.part(0).expect("a part").expect("rows");
@@ -668,7 +668,7 @@ fn two_plates_exchange_what_the_textbook_says() {
         "m.toml",
         "[material.m0]\nemissivity = 0.8\ntemperature = 800\n[material.m1]\nemissivity = 0.4\ntemperature = 500\n",
     );
-    place.line("compute plates.obj -o F --tolerance 0.1% --no-config");
+    place.line("compute plates.obj -o F --tolerance 0.1% --config=none");
     place.line("solve F --thermal --materials m.toml -o heat.csv");
     let expected = STEFAN_BOLTZMANN * (800f64.powi(4) - 500f64.powi(4)) / (1.0 / 0.8 + 1.0 / 0.4 - 1.0);
     let flux = place.solution("F", "thermal", "flux");
@@ -702,8 +702,8 @@ fn an_enclosure_of_three_surfaces_exchanges_what_the_textbook_says() {
         "[material.m0]\nemissivity = 0.8\ntemperature = 1200\n[material.m1]\nemissivity = 0.4\ntemperature = 500\n\
          [material.m2]\nadiabatic = true\n[material.m3]\nadiabatic = true\n",
     );
-    place.line("compute tetrahedron.obj -o F --tolerance 0.05% --no-config");
-    place.line("solve F --thermal --materials m.toml --tolerance 1e-9");
+    place.line("compute tetrahedron.obj -o F --tolerance 0.05% --config=none");
+    place.line("solve F --thermal --materials m.toml --residual 1e-9");
     let exchange = 1.0 / 3.0 + 1.0 / (1.5 + 1.5);
     let expected = STEFAN_BOLTZMANN * (1200f64.powi(4) - 500f64.powi(4)) / (0.2 / 0.8 + 1.0 / exchange + 0.6 / 0.4);
     let flux = &place.solution("F", "thermal", "flux")[0];
@@ -727,11 +727,9 @@ fn the_cornell_box_bleeds_colour() {
     for file in ["cornell-box.obj", "cornell-box.mtl"] {
         std::fs::copy(data.join(file), place.path(file)).expect("the scene");
     }
-    place.line("compute cornell-box.obj --subdivide 3 -o box --no-config");
-    place.line(
-        "solve box --scene cornell-box.obj --picture box.png --up y --eye 278,273,-800 --look-at 278,273,0 --fov 39.3 \
-         --size 160x160",
-    );
+    place.line("compute cornell-box.obj --split 8 -o box --config=none");
+    place.line("solve box");
+    place.line("view model box -o box.png --up y --eye 278,273,-800 --look-at 278,273,0 --fov 39.3 --size 160x160");
     let png = std::fs::read(place.path("box.png")).expect("a picture");
     assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
 
@@ -779,7 +777,7 @@ fn the_cornell_box_bleeds_colour() {
     }
     for show in ["ids", "depth", "delta", "occlusion"] {
         place.line(&format!(
-            "view hemicube cornell-box.obj --store box --patch 700 --resolution 64 --show {show} -o {show}.svg"
+            "view hemicube cornell-box.obj --matrix box --patch 700 --resolution 64 --show {show} -o {show}.svg"
         ));
         let svg = std::fs::read_to_string(place.path(&format!("{show}.svg"))).expect("a picture");
         assert!(svg.contains("patch 700") && svg.ends_with("</svg>\n"));
@@ -790,12 +788,12 @@ fn the_cornell_box_bleeds_colour() {
     place.line("view model box cornell-box.obj --up y --size 400x300 --show closure -o closure.svg");
     let svg = std::fs::read_to_string(place.path("closure.svg")).expect("a picture");
     assert!(svg.contains("patches; the tallest bar is") && svg.contains("of each row"));
-    place.line("compute cornell-box.obj --subdivide 3 -o pixels --correction pixel --no-config");
+    place.line("compute cornell-box.obj --split 8 -o pixels --correction pixel --config=none");
     place.fails(
         "view model pixels cornell-box.obj --up y --show error -o error.png",
         &["expected errors", "--tolerance"],
     );
-    place.line("compute cornell-box.obj --subdivide 2 --tolerance 3% -o refined --no-config");
+    place.line("compute cornell-box.obj --split 4 --tolerance 3% -o refined --config=none");
     place.line("view model refined cornell-box.obj --up y --size 400x300 --show error -o error.svg");
     let svg = std::fs::read_to_string(place.path("error.svg")).expect("a picture");
     assert!(svg.contains("expected") && svg.contains("the tallest bar is"));
@@ -887,11 +885,11 @@ fn the_sky_over_a_street_is_that_of_the_closed_form() {
 fn nothing_escapes_from_a_closed_cube() {
     let place = Place::new();
     place.write("cube.obj", &cube());
-    place.line("compute cube.obj --subdivide 1 --correction pixel --samples 4 --resolution 64 -o F --no-config");
-    let beside = place.json("sky cube.obj --store F --up z --json");
+    place.line("compute cube.obj --split 2 --correction pixel --samples 4 --resolution 64 -o F --config=none");
+    let beside = place.json("sky cube.obj --matrix F --up z --json");
     assert_eq!(beside["sky_view_factor"]["max"].as_f64(), Some(0.0));
     assert_eq!(beside["rows_as_in_matrix"], beside["patches"]);
-    let alone = place.json("sky cube.obj -o sky --subdivide 1 --samples 4 --resolution 64 --up z --json");
+    let alone = place.json("sky cube.obj -o sky --split 2 --samples 4 --resolution 64 --up z --json");
     assert_eq!(beside["hemicubes"], alone["hemicubes"]);
     let bytes = |folder: &str| std::fs::read(place.path(folder).join("sky.npz")).expect("a file");
     assert_eq!(bytes("F/sky"), bytes("sky"));
@@ -906,7 +904,7 @@ fn read(place: &Place, file: &str) -> String {
 fn the_sky_as_a_table() {
     let place = Place::new();
     place.line("generate city --patches 400 --seed 5 -o city.obj");
-    place.line("sky city.obj --up y --csv sky.csv -o sky --resolution 64");
+    place.line("sky city.obj --up y -o sky.csv -o sky --resolution 64");
     let table = read(&place, "sky.csv");
     let mut lines = table.lines();
     let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
@@ -921,16 +919,16 @@ fn the_sky_as_a_table() {
         count += 1;
     }
     assert_eq!(count, factors.len());
-    place.line("sky city.obj --up y --csv alone.csv --resolution 64");
+    place.line("sky city.obj --up y -o alone.csv --resolution 64");
     assert_eq!(read(&place, "alone.csv"), table);
     place.fails(
         "sky city.obj --up y -o out.csv",
-        &["names a directory", "--csv out.csv"],
+        &["names a directory", "-o out.csv"],
     );
-    place.fails("sky city.obj --up y --csv alone.csv", &["--overwrite"]);
+    place.fails("sky city.obj --up y -o alone.csv", &["--overwrite"]);
     place.write("suns.txt", "0 1 0\n");
     place.fails(
-        "sky city.obj --up y --csv b.csv --suns suns.txt",
+        "sky city.obj --up y -o b.csv --suns suns.txt",
         &["no place for what `--suns`"],
     );
 }
@@ -940,8 +938,8 @@ fn the_sky_as_a_table() {
 fn sky_and_ground_are_what_escaped() {
     let place = Place::new();
     place.line("generate city --patches 400 --seed 5 -o city.obj");
-    place.line("compute city.obj --up y -o F --no-config");
-    let report = place.json("sky city.obj --store F --division reinhart:2 --json");
+    place.line("compute city.obj --up y -o F --config=none");
+    let report = place.json("sky city.obj --matrix F --division reinhart:2 --json");
     assert_eq!(report["columns"].as_u64(), Some(578));
     assert_eq!(report["rows_as_in_matrix"], report["patches"]);
     assert!(report["ground"].as_f64().expect("a share") > 0.0);
@@ -992,7 +990,7 @@ fn sky_and_ground_are_what_escaped() {
 
     // The sky of another scene is not taken for this one's.
     place.line("generate city --patches 400 --seed 6 -o other.obj");
-    place.line("compute other.obj --up y -o F --overwrite --no-config");
+    place.line("compute other.obj --up y -o F --overwrite --config=none");
     place.fails(
         "view model F other.obj --show sky -o sky.png --overwrite",
         &["another scene", "hemicube sky"],
@@ -1000,7 +998,7 @@ fn sky_and_ground_are_what_escaped() {
     place.fails("solve F --materials m.toml --sky-radiance sky.npy", &["another scene"]);
 }
 
-/// In an export with the sky, rows and what is blocked sum to 1 in all formats, the columns are named, and `check` sees
+/// In an export with -o the sky, rows and what is blocked sum to 1 in all formats, the columns are named, and `check` sees
 /// every changed byte of the sky rows.
 #[test]
 #[allow(
@@ -1011,9 +1009,9 @@ fn sky_and_ground_are_what_escaped() {
 fn the_sky_is_columns_of_the_export() {
     let place = Place::new();
     place.line("generate city --patches 600 --seed 5 -o city.obj");
-    place.line("compute city.obj --up y --correction pixel -o F --no-config");
-    place.fails("export F F.npz --with-sky", &["no sky rows", "hemicube sky"]);
-    place.line("sky city.obj --store F");
+    place.line("compute city.obj --up y --correction pixel -o F --config=none");
+    place.fails("export F -o F.npz --with-sky", &["no sky rows", "hemicube sky"]);
+    place.line("sky city.obj --matrix F");
     let report = place.json("check F --json");
     let store = Store::open(&place.path("F")).expect("a store");
     let patches = store.patch_count() as usize;
@@ -1022,7 +1020,7 @@ fn the_sky_is_columns_of_the_export() {
     assert_eq!(report["sky"]["rows_as_in_matrix"], report["sky"]["rows"]);
     assert!(place.line("check F").contains("weight for weight"));
 
-    place.line("export F F.npy --with-sky");
+    place.line("export F -o F.npy --with-sky");
     let array = ArrayFile::open(&place.path("F.npy")).expect("an array");
     assert_eq!((array.rows(), array.columns()), (patches as u64, patches as u64 + 146));
     let table = store.row_table().expect("a table");
@@ -1050,9 +1048,9 @@ fn the_sky_is_columns_of_the_export() {
     assert!(lines[146].starts_with(&format!("{},sky 145,0.0000,90.0000,", patches + 145)));
 
     // The other formats have the same numbers.
-    let report = place.json("export F F.npz --with-sky --overwrite --json");
+    let report = place.json("export F -o F.npz --with-sky --overwrite --json");
     assert_eq!(report["sky_columns"], 146);
-    place.line("export F F.txt --with-sky --overwrite");
+    place.line("export F -o F.txt --with-sky --overwrite");
     let text = std::fs::read_to_string(place.path("F.txt")).expect("triplets");
     let size = format!("{patches} {} 0", patches + 146);
     assert_eq!(text.lines().last(), Some(size.as_str()));
@@ -1070,7 +1068,7 @@ fn the_sky_is_columns_of_the_export() {
             .expect("a table")
             .starts_with("column_from_1,")
     );
-    place.line("export F F.mtx --with-sky --overwrite");
+    place.line("export F -o F.mtx --with-sky --overwrite");
     let market = std::fs::read_to_string(place.path("F.mtx")).expect("a matrix");
     assert!(market.contains(&format!("% column {} is the ground", patches + 1)));
     let head = format!("\n{patches} {} {}\n", patches + 146, report["entries"]);
@@ -1155,7 +1153,7 @@ fn reflectance_and_emission_come_from_every_format() {
     place.write("s.ac", &ac);
     let mut found = Vec::new();
     for file in ["s.obj", "s.gltf", "s.ac"] {
-        place.line(&format!("compute {file} -o F --overwrite --no-config"));
+        place.line(&format!("compute {file} -o F --overwrite --config=none"));
         place.line(&format!("solve F --scene {file}"));
         found.push(place.solution("F", "radiosity", "radiosity"));
     }

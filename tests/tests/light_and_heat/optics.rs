@@ -19,7 +19,7 @@ const FOUR: &str = "[object.\"x*\"]\nspecular = 1\n[object.\"y*\"]\nspecular = 1
 fn heat(place: &Place, line: &str) -> BTreeMap<String, (f64, f64)> {
     place
         .line(&format!(
-            "{line} --thermal --by object --surfaces by.json --overwrite --quiet"
+            "{line} --thermal --by object -o by.json --overwrite --quiet"
         ))
         .is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
@@ -109,7 +109,7 @@ fn at_one_temperature_nothing_flows_through_mirrors_and_panes() {
         );
         let found = heat(
             &place,
-            "solve room --materials heat.toml --ambient 300 --tolerance 1e-10",
+            "solve room --materials heat.toml --sky-temperature 300 --residual 1e-10",
         );
         let black = STEFAN_BOLTZMANN * 300f64.powi(4);
         for (name, (heat, _)) in &found {
@@ -123,7 +123,7 @@ fn at_one_temperature_nothing_flows_through_mirrors_and_panes() {
         );
         let found = heat(
             &place,
-            "solve room --materials heat.toml --ambient 300 --tolerance 1e-10",
+            "solve room --materials heat.toml --sky-temperature 300 --residual 1e-10",
         );
         near(found["pane"].1, 300.0, 1e-4);
         near(found["x1"].1, 300.0, 1e-4);

@@ -575,12 +575,12 @@ fn what_is_wrong_is_said_by_its_line_and_with_the_next_step() {
     );
     says(
         &place,
-        "room.obj --up z --grid 1 --height 1 -o a.png --column roof",
-        &["--column roof"],
+        "room.obj --up z --grid 1 --height 1 -o a.png --show roof",
+        &["--show roof"],
     );
     says(
         &place,
-        "room.obj --up z --grid 1 --height 1 -o a.png --column mrt",
+        "room.obj --up z --grid 1 --height 1 -o a.png --show mrt",
         &["--solution"],
     );
 }
@@ -644,9 +644,9 @@ fn a_mean_radiant_temperature_is_the_fourth_root_of_what_the_walls_send() {
     place.write("tub.obj", room(size, &["ceiling"]));
     place.write("seat.txt", "1.2 3.3 1.1\n");
     place.write("heat.toml", "[default]\nemissivity = 1.0\ntemperature = 305\n");
-    place.line("compute tub.obj --split 2 -o m --no-config").is(0);
+    place.line("compute tub.obj --split 2 -o m --config=none").is(0);
     place
-        .line("solve m --thermal --materials heat.toml --ambient 280")
+        .line("solve m --thermal --materials heat.toml --sky-temperature 280")
         .is(0);
     let (_, h, u, v) = sides_of(size, [1.2, 3.3, 1.1])[1];
     let sky = rectangle(solid(h), u, v) / (4.0 * PI);

@@ -118,7 +118,7 @@ fn bands_are_what_they_are_alone() {
 #[test]
 fn everything_at_once_has_the_rows_of_the_whole() {
     let part = place(&street(), OF_STREET);
-    let settings = "--patches object --tolerance 1% --repeats 3";
+    let settings = "--by object --tolerance 1% --repeats 3";
     part.line(&format!("compute scene.obj {SYMMETRIC} {settings} -o part"))
         .is(0);
     let names: Vec<String> = street().iter().map(|(name, _)| format!("{name}_other")).collect();
@@ -137,7 +137,7 @@ fn everything_at_once_has_the_rows_of_the_whole() {
         .concat();
     whole
         .line(&format!(
-            "compute scene.obj --specular optics.toml --up z --patches object --tolerance 1% {rows} -o whole"
+            "compute scene.obj --specular optics.toml --up z --by object --tolerance 1% {rows} -o whole"
         ))
         .is(0);
     for band in ["light", "heat"] {
@@ -196,12 +196,12 @@ fn what_stands_on_the_rows_stands_on_all_at_once() {
          0.1\n[object.plate]\ntemperature = 300\nemissivity = 0.1\n",
     );
     place
-        .line("solve rows --scene scene.obj --materials heat.toml --thermal --ambient 300 --by object")
+        .line("solve rows --scene scene.obj --materials heat.toml --thermal --sky-temperature 300 --by object")
         .is(0)
         .says(&["none flows"]);
     place.line("balance rows --closure --reciprocity -o balanced").is(0);
     place.line("check balanced").is(0);
-    let sky = place.line("sky scene.obj --store rows").is(0);
+    let sky = place.line("sky scene.obj --matrix rows").is(0);
     assert!(!format!("{sky:?}").contains("-0.00"), "{sky:?}");
     // Rays of the reference branch at glass: pieces are cut for what the branches carry, not for each of them.
     place.write("at.txt", "0.5 0.5 1 -1 0 0\n");

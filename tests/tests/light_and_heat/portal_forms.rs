@@ -265,7 +265,7 @@ fn sectors_of_prisms_have_the_rows_of_the_prism() {
         let of = |line: &str| {
             place
                 .line(&format!(
-                    "compute {line} -o store --overwrite --patches object --tolerance 0.01%"
+                    "compute {line} -o store --overwrite --by object --tolerance 0.01%"
                 ))
                 .is(0);
             assert_eq!(place.line("check store --json").is(0).json()["ok"], true);
@@ -401,7 +401,7 @@ fn heat_between_spheres(pieces: u32, optics: &str) -> f64 {
         "[default]\nemissivity = 0.5\n[object.inner]\ntemperature = 400\n[object.outer]\ntemperature = 300\n",
     );
     place
-        .line("solve store --materials heat.toml --thermal --by object --surfaces by.json --quiet")
+        .line("solve store --materials heat.toml --thermal --by object -o by.json --quiet")
         .is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     let json: Value = serde_json::from_str(&text).expect("JSON");

@@ -40,7 +40,7 @@ fn objects_have_the_rows_of_their_triangles_through_portals() {
     let place = place(&room(1., 1., 1.), HALF);
     let line = "compute scene.obj --specular optics.toml --tolerance 0.1% --split 2";
     place.line(&format!("{line} -o triangles")).is(0);
-    place.line(&format!("{line} -o objects --patches object")).is(0);
+    place.line(&format!("{line} -o objects --by object")).is(0);
     let (triangles, objects) = (zones(&place, "triangles"), zones(&place, "objects"));
     near(of(&objects, "bottom", "top"), 0.242_850_140_274_55, 1e-3);
     near(of(&objects, "x0", "x0"), 0.034_294_794_409_28, 1e-3);
@@ -49,12 +49,12 @@ fn objects_have_the_rows_of_their_triangles_through_portals() {
     }
     // Whatever threads, shards and interruptions.
     place
-        .line(&format!("{line} -o again --patches object --threads 1 --batch 3"))
+        .line(&format!("{line} -o again --by object --threads 1 --batch 3"))
         .is(0);
     assert_same(&place.path("objects"), &place.path("again"));
     for shard in ["2/2", "1/2"] {
         place
-            .line(&format!("{line} -o shards --patches object --shard {shard}"))
+            .line(&format!("{line} -o shards --by object --shard {shard}"))
             .is(0);
     }
     place.line("merge shards").is(0);
@@ -62,7 +62,7 @@ fn objects_have_the_rows_of_their_triangles_through_portals() {
     // At one temperature nothing flows.
     place.write("grey.toml", "[material.\"*\"]\nemissivity = 0.5\ntemperature = 300\n");
     place
-        .line("solve objects --thermal --scene scene.obj --materials grey.toml --surfaces by.json --by object --quiet")
+        .line("solve objects --thermal --scene scene.obj --materials grey.toml --by object -o by.json --quiet")
         .is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     let json: Value = serde_json::from_str(&text).expect("JSON");
@@ -82,7 +82,7 @@ fn objects_of_a_cell_have_the_rows_of_the_whole() {
         let place = place(&canyon(1.0), HALF);
         place
             .line(&format!(
-                "compute scene.obj -o store --patches object --periodic y=0..1 {settings}"
+                "compute scene.obj -o store --by object --periodic y=0..1 {settings}"
             ))
             .is(0);
         let zones = zones(&place, "store");
@@ -93,7 +93,7 @@ fn objects_of_a_cell_have_the_rows_of_the_whole() {
     // Calibrated on patches of images: more than the few patches whose pairs are all measured.
     let place = place(&canyon(1.0), HALF);
     place
-        .line("compute scene.obj -o store --patches object --periodic y=0..1 --repeats 2 --split 12 --tolerance 1%")
+        .line("compute scene.obj -o store --by object --periodic y=0..1 --repeats 2 --split 12 --tolerance 1%")
         .is(0);
     assert_eq!(place.line("check store --json").json()["ok"], true);
 }
@@ -108,9 +108,9 @@ fn patches_of_several_optics_are_refused_by_name() {
     place.write("optics.toml", "[material.x1]\nspecular = 0.5\n");
     let line = "compute scene.obj --specular optics.toml -o store --overwrite";
     place
-        .line(&format!("{line} --patches object"))
+        .line(&format!("{line} --by object"))
         .is(2)
-        .says(&["object `x0`", "different optics", "--patches face"]);
+        .says(&["object `x0`", "different optics", "--by face"]);
     for kind in ["face", "material"] {
         place.line(&format!("{line} --patches {kind}")).is(0);
         assert_eq!(place.line("check store --json").json()["ok"], true);
@@ -124,13 +124,13 @@ fn solvers_of_closed_rows_are_refused_arrivals() {
     place.line("compute scene.obj --specular optics.toml -o store").is(0);
     for solver in ["elmer", "calculix"] {
         place
-            .line(&format!("export store ViewFactors.dat --for {solver}"))
+            .line(&format!("export store -o ViewFactors.dat --for {solver}"))
             .is(2)
             .says(&["arrives through mirrors and panes", "hint: `hemicube exchange`"]);
     }
     place.line("compute scene.obj -o closed").is(0);
     place
-        .line("export closed ViewFactors.dat --for elmer --overwrite")
+        .line("export closed -o ViewFactors.dat --for elmer --overwrite")
         .is(0);
 }
 
@@ -139,7 +139,7 @@ fn compact_stores_hold_what_mirrors_get_again_and_again() {
     let place = place(&room(1., 1., 3.), FOUR);
     let line = "compute scene.obj --specular optics.toml --specular-bound 1e-3";
     place.line(&format!("{line} -o plain")).is(0);
-    place.line(&format!("{line} -o compact --store compact")).is(0);
+    place.line(&format!("{line} -o compact --form compact")).is(0);
     let (plain, compact) = (zones(&place, "plain"), zones(&place, "compact"));
     let largest = plain
         .iter()
@@ -160,7 +160,7 @@ fn compact_stores_hold_what_mirrors_get_again_and_again() {
     let heat = |store: &str| {
         place
             .line(&format!(
-                "solve {store} --thermal --scene scene.obj --materials grey.toml --surfaces by.json --by object \
+                "solve {store} --thermal --scene scene.obj --materials grey.toml --by object -o by.json \
                  --overwrite --quiet"
             ))
             .is(0);
@@ -203,7 +203,7 @@ fn small_entries_are_left_out_and_mirrors_hand_on_what_they_did() {
         near(of(&few, from, "x1"), of(&all, from, "x1"), 1e-7);
     }
     // Patches of several triangles, too.
-    let line = format!("{line} --patches object -o objects --min-factor 0.1 --store compact");
+    let line = format!("{line} --by object -o objects --min-factor 0.1 --form compact");
     place.line(&line).is(0);
     assert_eq!(place.line("check objects --json").json()["ok"], true);
 }
@@ -376,7 +376,7 @@ fn the_sky_of_a_cell_is_that_of_the_whole() {
                 "compute scene.obj -o store --periodic y=0..1 --repeats 6 {more}"
             ))
             .is(0);
-        place.line("sky scene.obj --store store --up z").is(0);
+        place.line("sky scene.obj --matrix store --up z").is(0);
         assert_eq!(place.line("check store --json").is(0).json()["ok"], true);
         // Column 0 is the ground. Tregenza's lowest band has 30 patches, the next one 30, of 145.
         let bands = [1..31, 31..61, 101..146].map(|band: std::ops::Range<usize>| {

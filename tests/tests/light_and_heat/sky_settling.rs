@@ -19,9 +19,9 @@ fn the_sky_settles_with_the_ground_below_it() {
     place.write("walls.obj", WALLS);
     // Four rows still change at the last level, and are as exact as is asked all the same.
     place
-        .line("sky walls.obj --up z --csv settled.csv --tolerance 0.2%")
+        .line("sky walls.obj --up z -o settled.csv --tolerance 0.2%")
         .is(1);
-    place.line("sky walls.obj --up z --csv fine.csv --samples 256").is(0);
+    place.line("sky walls.obj --up z -o fine.csv --samples 256").is(0);
     let columns = std::fs::read_to_string(place.path("fine.csv")).expect("a table");
     let columns: Vec<&str> = columns.lines().next().expect("names").split(',').collect();
     let (settled, fine) = (table(&place, "settled.csv"), table(&place, "fine.csv"));
@@ -39,7 +39,7 @@ fn rows_of_the_sky_that_do_not_settle_end_with_1() {
     let place = Place::new();
     place.write("walls.obj", WALLS);
     let ran = place
-        .line("sky walls.obj --up z --csv t.csv --tolerance 0.001% --json")
+        .line("sky walls.obj --up z -o t.csv --tolerance 0.001% --json")
         .is(1);
     assert!(ran.json()["unsettled"].as_u64().is_some_and(|rows| rows > 0));
     ran.says(&["still changed by more than", "an error may be greater"]);

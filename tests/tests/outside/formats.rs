@@ -57,9 +57,9 @@ fn yard() -> Place {
     .expect("a file");
     std::fs::write(place.path("m.toml"), MATERIALS).expect("a file");
     place
-        .line("compute yard.obj --two-sided on --subdivide 2 --up z -o F --no-config")
+        .line("compute yard.obj --two-sided on --split 4 --up z -o F --config=none")
         .is(0);
-    place.line("sky yard.obj --store F").is(0);
+    place.line("sky yard.obj --matrix F").is(0);
     place.line("solve F --materials m.toml").is(0);
     place
 }
@@ -209,7 +209,7 @@ fn meshio_and_trimesh_find_every_value() {
             "p.ply" | "p.glb" => "--show seen",
             _ => "",
         };
-        place.line(&format!("export F {file} --scene yard.obj {more}")).is(0);
+        place.line(&format!("export F -o {file} --scene yard.obj {more}")).is(0);
     }
     let store = Store::open(&place.path("F")).expect("a store");
     let known = known(&store);
@@ -289,7 +289,7 @@ fn khronos_validates_the_glb() {
         ("b.glb", "--show escaped --range 0,1"),
         ("c.glb", "--show area"),
     ] {
-        place.line(&format!("export F {file} --scene yard.obj {more}")).is(0);
+        place.line(&format!("export F -o {file} --scene yard.obj {more}")).is(0);
     }
     // A file that is wrong in one place: a count of vertices.
     let mut wrong = std::fs::read(place.path("a.glb")).expect("a file");
@@ -336,11 +336,11 @@ fn duckdb_finds_every_factor() {
 /// The matrix of both forms of a store, by a reader.
 fn parquet_is_the_store(place: &Place, reader: &dyn Fn(&Path) -> Value) {
     place
-        .line("compute yard.obj --two-sided on --subdivide 3 --store compact -o C --no-config")
+        .line("compute yard.obj --two-sided on --split 8 --form compact -o C --config=none")
         .is(0);
     for (directory, file) in [("F", "F.parquet"), ("C", "C.parquet")] {
         place
-            .line(&format!("export {directory} {file}"))
+            .line(&format!("export {directory} -o {file}"))
             .is(0)
             .says(&["DuckDB", "from row to col"]);
         let store = Store::open(&place.path(directory)).expect("a store");
@@ -364,12 +364,12 @@ fn two_exports_have_the_same_bytes() {
         };
         let mut bytes = Vec::new();
         for overwrite in ["", "--overwrite"] {
-            place.line(&format!("export F {file} {more} {overwrite}")).is(0);
+            place.line(&format!("export F -o {file} {more} {overwrite}")).is(0);
             bytes.push(std::fs::read(place.path(file)).expect("a file"));
         }
         assert!(bytes[0] == bytes[1] && bytes[0].len() > 1000, "{file}");
         place
-            .line(&format!("export F {file} {more}"))
+            .line(&format!("export F -o {file} {more}"))
             .is(2)
             .says(&["exists", "--overwrite"]);
     }
@@ -444,25 +444,25 @@ fn a_cancelled_file_leaves_nothing() {
 fn what_is_asked_for_is_said_to_be_wrong() {
     let place = yard();
     for (line, words) in [
-        ("export F p.vtp", &["corners", "--scene", "yard.obj"][..]),
+        ("export F -o p.vtp", &["corners", "--scene", "yard.obj"][..]),
         (
-            "export F p.glb --scene yard.obj --show seem",
+            "export F -o p.glb --scene yard.obj --show seem",
             &["no `seem`", "escaped", "radiosity_red"],
         ),
         (
-            "export F p.glb --scene yard.obj --show radiosity --range 0,1",
+            "export F -o p.glb --scene yard.obj --show radiosity --range 0,1",
             &["--range", "radiosity_red"],
         ),
-        ("export F p.vtp --scene yard.obj --show seen", &["--show", "no meaning"]),
+        ("export F -o p.vtp --scene yard.obj --show seen", &["--show", "no meaning"]),
         (
-            "export F F.npz --scene yard.obj",
+            "export F -o F.npz --scene yard.obj",
             &["--scene", "no meaning", "--patches"],
         ),
-        ("export F F.parquet --patches", &["--patches", "no meaning"]),
-        ("export F p.csv --by object --patches", &["--patches", "cannot be used"]),
-        ("export F p.csv --solution thermal", &["thermal", "radiosity"]),
-        ("export F p.xyz", &[".vtp", ".parquet", ".npz"]),
-        ("export F p.vtp --scene F", &["F"]),
+        ("export F -o F.parquet --results", &["--results", "no meaning"]),
+        ("export F -o p.csv --by object --results", &["--results", "cannot be used"]),
+        ("export F -o p.csv --solution thermal", &["thermal", "radiosity"]),
+        ("export F -o p.xyz", &[".vtp", ".parquet", ".npz"]),
+        ("export F -o p.vtp --scene F", &["F"]),
     ] {
         place.line(line).is(2).says(words);
     }
@@ -475,10 +475,10 @@ fn what_is_asked_for_is_said_to_be_wrong() {
 fn rows_that_were_not_computed_are_empty() {
     let place = yard();
     place
-        .line("compute yard.obj --two-sided on --subdivide 2 --rows 5..9 -o R --no-config")
+        .line("compute yard.obj --two-sided on --split 4 --rows 5..9 -o R --config=none")
         .is(0);
-    place.line("export R r.csv").is(0);
-    place.line("export R r.ply --scene yard.obj --show seen").is(0);
+    place.line("export R -o r.csv").is(0);
+    place.line("export R -o r.ply --scene yard.obj --show seen").is(0);
     let text = std::fs::read_to_string(place.path("r.csv")).expect("a table");
     let store = Store::open(&place.path("R")).expect("a store");
     let known = known(&store);
@@ -502,7 +502,7 @@ fn vtk_finds_every_value() {
     let place = yard();
     let store = Store::open(&place.path("F")).expect("a store");
     for file in ["p.vtp", "p.vtu"] {
-        place.line(&format!("export F {file} --scene yard.obj")).is(0);
+        place.line(&format!("export F -o {file} --scene yard.obj")).is(0);
         let found = read(&python, "vtk", &place.path(file));
         assert_columns(&found, &known(&store), &[]);
         assert_corners(&points(&found["corners"]), &store, 1e-9);
@@ -541,7 +541,7 @@ fn octave_finds_every_factor() {
         return;
     }
     let place = yard();
-    place.line("export F F.txt").is(0).says(&["spconvert"]);
+    place.line("export F -o F.txt").is(0).says(&["spconvert"]);
     let code = "F = spconvert(load('F.txt')); printf('%d %d\\n', size(F)); [i, j, v] = find(F); \
                 printf('%d %d %.9g\\n', [i - 1, j - 1, v]');";
     let output = Command::new("octave-cli")

@@ -76,7 +76,7 @@ impl Drop for Display {
 fn live(display: Option<&str>, more: &[&str]) -> Command {
     let mut command = Command::new(program());
     command
-        .args(["view", "hemicube", "--live", "--subdivide", "4", "--resolution", "64"])
+        .args(["view", "hemicube", "--live", "--split", "16", "--resolution", "64"])
         .arg(workspace().join("crates/scene/data/cornell-box.obj"))
         .args(more)
         .env_remove("DISPLAY")

@@ -44,10 +44,10 @@ fn room(folder: &Path) -> PathBuf {
     let scene = cornell().display().to_string();
     line(
         folder,
-        &format!("compute {scene} --subdivide 3 --tolerance 2% -o room.hemicube --no-config"),
+        &format!("compute {scene} --split 8 --tolerance 2% -o room.hemicube --config=none"),
     );
     line(folder, &format!("solve room.hemicube --scene {scene}"));
-    line(folder, &format!("sky {scene} --store room.hemicube --up y"));
+    line(folder, &format!("sky {scene} --matrix room.hemicube --up y"));
     line(folder, &format!("report room.hemicube {scene} -o room.html"));
     folder.join("room.html")
 }
@@ -434,11 +434,11 @@ fn the_page_fits_its_window_in_light_and_dark() {
 fn equal_matrices_have_equal_pages_and_damaged_ones_are_told() {
     let folder = tempfile::tempdir().expect("a temporary directory");
     let (folder, scene) = (folder.path(), cornell().display().to_string());
-    line(folder, &format!("compute {scene} --subdivide 2 -o F --no-config"));
+    line(folder, &format!("compute {scene} --split 4 -o F --config=none"));
     line(folder, &format!("report F {scene} -o a.html"));
     line(
         folder,
-        &format!("compute {scene} --subdivide 2 -o F --no-config --overwrite --threads 1"),
+        &format!("compute {scene} --split 4 -o F --config=none --overwrite --threads 1"),
     );
     line(folder, &format!("report F {scene} -o b.html"));
     let read = |name: &str| std::fs::read(folder.join(name)).expect("a page");
@@ -485,7 +485,7 @@ fn a_click_on_any_triangle_of_a_patch_shows_the_row_of_the_patch() {
     let scene = cornell().display().to_string();
     line(
         folder.path(),
-        &format!("compute {scene} --split 3 --patches object -o room.hemicube"),
+        &format!("compute {scene} --split 3 --by object -o room.hemicube"),
     );
     line(
         folder.path(),

@@ -36,7 +36,7 @@ fn computed() -> Place {
     let place = Place::new();
     place.write("room.obj", room());
     place
-        .line("compute room.obj -o F --subdivide 1 --tolerance 0.5% --quiet")
+        .line("compute room.obj -o F --split 2 --tolerance 0.5% --quiet")
         .is(0);
     place.line("balance F -o B --closure --quiet").is(0);
     place
@@ -46,7 +46,7 @@ fn computed() -> Place {
 fn zones(place: &Place, store: &str, by: &str) -> (Vec<f64>, Dense) {
     let name = format!("{store}-{by}.csv");
     place
-        .line(&format!("export {store} {name} --by {by} --overwrite --quiet"))
+        .line(&format!("export {store} -o {name} --by {by} --overwrite --quiet"))
         .is(0);
     let text = std::fs::read_to_string(place.path(name)).expect("a table");
     let rows: Vec<Vec<String>> = text
@@ -155,7 +155,7 @@ fn files_of_faces_hold_the_matrix_from_row_to_column() {
         assert!((row.iter().sum::<f64>() + outside - 1.0).abs() < 1e-6);
     }
     place
-        .line("export B --for calculix --program-version 2.21 -o new.vwf")
+        .line("export B --for calculix:2.21 -o new.vwf")
         .is(0);
     assert_eq!(calculix(&read(&place, "new.vwf")).0, "Version 2.21");
 }
@@ -183,7 +183,7 @@ fn files_of_surfaces_hold_the_matrix_by_name() {
         }
     }
     place
-        .line("export B --for energyplus --zone Room --program-version 9.6 -o old.epJSON")
+        .line("export B --for energyplus:9.6 --zone Room -o old.epJSON")
         .is(0);
     epjson(&text(&place, "old.epJSON"), "zone_or_zonelist_name");
 
@@ -208,7 +208,7 @@ fn petsc_loads_the_matrix() {
         .line("export F --for petsc -o F.petsc")
         .is(0)
         .says(&["80 patches", "petsc4py"]);
-    place.line("export F F.npy --quiet").is(0);
+    place.line("export F -o F.npy --quiet").is(0);
     let dense: Dense = {
         let bytes = read(&place, "F.npy");
         let values = &bytes[bytes.len() - 4 * 80 * 80..];

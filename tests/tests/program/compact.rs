@@ -74,12 +74,12 @@ fn a_compact_matrix_is_the_plain_one_rounded_whatever_the_threads() {
     );
     let report = json(
         &place,
-        "compute city.obj -o one --correction pixel --resolution 64 --store compact --threads 1 --json",
+        "compute city.obj -o one --correction pixel --resolution 64 --form compact --threads 1 --json",
         0,
     );
     run(
         &place,
-        "compute city.obj -o three --correction pixel --resolution 64 --store compact --threads 3 --batch 5",
+        "compute city.obj -o three --correction pixel --resolution 64 --form compact --threads 3 --batch 5",
         0,
     );
     assert_eq!(bytes(&place, "one"), bytes(&place, "three"));
@@ -117,7 +117,7 @@ fn a_compact_matrix_is_the_plain_one_rounded_whatever_the_threads() {
     assert!(String::from_utf8_lossy(&text.stdout).contains("within 0.05 % of themselves"));
     run(&place, "compare one plain --max-error 0.0005", 0);
     run(&place, "compare one plain --max-error 0.00001", 1);
-    run(&place, "export one one.npz", 0);
+    run(&place, "export one -o one.npz", 0);
     let exported = json(&place, "compare one one.npz --json", 0);
     assert_eq!(exported["relative_frobenius"], 0.0);
 }
@@ -127,7 +127,7 @@ fn sums_of_pixels_keep_their_bounds_in_the_compact_form() {
     let place = city();
     run(
         &place,
-        "compute city.obj -o pixel --correction pixel --resolution 64 --store compact --min-factor 1e-4",
+        "compute city.obj -o pixel --correction pixel --resolution 64 --form compact --min-factor 1e-4",
         0,
     );
     let checked = json(&place, "check pixel --json", 0);
@@ -135,7 +135,7 @@ fn sums_of_pixels_keep_their_bounds_in_the_compact_form() {
     let bound = checked["closure"]["bound"].as_f64().expect("a bound");
     assert!(found > 1e-6 && found < bound && bound < 5e-4, "{found} of {bound}");
     // The compact form rounds more than f32 does.
-    run(&place, "check pixel --closure 1e-6", 1);
+    run(&place, "check pixel --max-closure 1e-6", 1);
 }
 
 #[test]
@@ -195,17 +195,17 @@ fn a_tolerance_and_what_is_kept_are_held_against_each_other() {
     let place = city();
     let refused = stderr(&run(
         &place,
-        "compute city.obj -o F --tolerance 0.05% --store compact",
+        "compute city.obj -o F --tolerance 0.05% --form compact",
         2,
     ));
     assert!(
-        refused.contains("--store plain") && refused.contains("0.05 %"),
+        refused.contains("--form plain") && refused.contains("0.05 %"),
         "{refused}"
     );
     assert!(!place.path().join("F").exists(), "a refused run left a directory");
     let said = stderr(&run(
         &place,
-        "compute city.obj -o F --tolerance 1% --sample-rows 40 --min-factor 3e-3",
+        "compute city.obj -o F --tolerance 1% --rows 40 --min-factor 3e-3",
         0,
     ));
     assert!(
@@ -214,11 +214,11 @@ fn a_tolerance_and_what_is_kept_are_held_against_each_other() {
     );
     let said = stderr(&run(
         &place,
-        "compute city.obj -o F --overwrite --tolerance 1% --sample-rows 40 --store compact",
+        "compute city.obj -o F --overwrite --tolerance 1% --rows 40 --form compact",
         0,
     ));
     assert!(said.contains("tolerance 1%") && !said.contains("warning"), "{said}");
-    for wrong in ["--store small", "--min-factor -1", "--min-factor 1", "--min-factor x"] {
+    for wrong in ["--form small", "--min-factor -1", "--min-factor 1", "--min-factor x"] {
         run(&place, &format!("compute city.obj -o F --overwrite {wrong}"), 2);
     }
 }
@@ -233,7 +233,7 @@ fn a_large_matrix_is_kept_small_unless_all_of_it_is_asked_for() {
     let said = stderr(&run(&place, &format!("{rows} -o small"), 0));
     assert!(
         said.contains("compact form, form factors below 1e-7 left out")
-            && said.contains("`--store plain --min-factor 0`"),
+            && said.contains("`--form plain --min-factor 0`"),
         "{said}"
     );
     let kept = |name: &str| {
@@ -241,7 +241,7 @@ fn a_large_matrix_is_kept_small_unless_all_of_it_is_asked_for() {
         (store.manifest().form, store.manifest().min_factor)
     };
     assert_eq!(kept("small"), (Form::Compact, 1e-7));
-    let said = stderr(&run(&place, &format!("{rows} -o all --store plain --min-factor 0"), 0));
+    let said = stderr(&run(&place, &format!("{rows} -o all --form plain --min-factor 0"), 0));
     assert!(!said.contains("left out"), "{said}");
     assert_eq!(kept("all"), (Form::Plain, 0.0));
 }
@@ -250,7 +250,7 @@ fn a_large_matrix_is_kept_small_unless_all_of_it_is_asked_for() {
 fn balance_says_by_its_exit_code_how_it_went() {
     let place = tempfile::tempdir().expect("a temporary directory");
     run(&place, "generate room --patches 400 -o room.obj", 0);
-    run(&place, "compute room.obj -o F --store compact", 0);
+    run(&place, "compute room.obj -o F --form compact", 0);
     let found = json(&place, "balance F -o closed --closure --json", 0);
     assert_eq!(found["balance"]["converged"], true);
     let of_others = found["balance"]["closure_max_of_others"].as_f64().expect("a number");
@@ -258,7 +258,7 @@ fn balance_says_by_its_exit_code_how_it_went() {
         of_others < 1e-6,
         "the compact form of the source spoils nothing here: {of_others}"
     );
-    run(&place, "check closed --reciprocity 1e-6", 0);
+    run(&place, "check closed --max-reciprocity 1e-6", 0);
     let manifest = std::fs::read_to_string(place.path().join("closed/manifest.json")).expect("a manifest");
     assert!(
         !manifest.contains("\"form\""),
@@ -267,8 +267,8 @@ fn balance_says_by_its_exit_code_how_it_went() {
     assert!(manifest.contains("source_value_error"));
 
     // Too few sweeps: written, and said.
-    let short = run(&place, "balance F -o short --closure --max-sweeps 1", 1);
-    assert!(stderr(&short).contains("--max-sweeps"), "{}", stderr(&short));
+    let short = run(&place, "balance F -o short --closure --max-iterations 1", 1);
+    assert!(stderr(&short).contains("--max-iterations"), "{}", stderr(&short));
     run(&place, "check short", 0);
 
     // Wrong usage, and what cannot be balanced.
@@ -276,7 +276,7 @@ fn balance_says_by_its_exit_code_how_it_went() {
     run(&place, "balance F -o closed --closure", 2);
     run(&place, "balance F -o F --closure --overwrite", 2);
     run(&place, "balance nothing -o none --closure", 2);
-    run(&place, "compute room.obj -o some --sample-rows 10", 0);
+    run(&place, "compute room.obj -o some --rows 10", 0);
     let refused = stderr(&run(&place, "balance some -o none --closure", 2));
     assert!(refused.contains("10 of"), "{refused}");
     assert!(!place.path().join("none").exists());

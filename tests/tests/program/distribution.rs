@@ -113,7 +113,7 @@ fn the_tree_works_from_wherever_it_is_put() {
     run(
         &moved,
         &home,
-        &["compute", scene, "--subdivide", "1", "-o", "box", "--backend", "cpu"],
+        &["compute", scene, "--split", "2", "-o", "box", "--backend", "cpu"],
     );
     run(&moved, &home, &["check", "box"]);
 }

@@ -154,9 +154,9 @@ fn every_kind_of_run_goes_on() {
     let place = city(6_000);
     for settings in [
         "--tolerance 2%",
-        "--min-factor 1e-5 --store compact",
+        "--min-factor 1e-5 --form compact",
         "--rows 100..3000 --correction pixel --samples 4 --resolution 32",
-        "--sample-rows 30% --tolerance 1%",
+        "--rows 30% --tolerance 1%",
     ] {
         let compute = format!("compute city.obj -q {settings}");
         place.line(&format!("{compute} -o whole --overwrite")).is(0);
@@ -223,12 +223,12 @@ fn another_scene_and_other_settings_are_refused_by_name() {
             &["without `--min-factor`, and here it is with `--min-factor 0.0001`"],
         ),
         (
-            "compute city.obj -q --correction pixel --resolution 32 --store compact",
-            &["its form (`--store`) is plain, here it is compact"],
+            "compute city.obj -q --correction pixel --resolution 32 --form compact",
+            &["its form (`--form`) is plain, here it is compact"],
         ),
         (
-            "compute city.obj -q --correction pixel --resolution 32 --subdivide 1",
-            &["with uncut triangles, and here it is with `--subdivide 1`"],
+            "compute city.obj -q --correction pixel --resolution 32 --split 2",
+            &["with uncut triangles, and here it is with `--split 2`"],
         ),
         (
             "compute other.obj -q --correction pixel --resolution 32",

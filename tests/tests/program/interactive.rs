@@ -633,7 +633,7 @@ fn settings_are_written_to_the_file_only_when_that_is_said() {
     terminal.asked("What next with cornell-box.hemicube:");
     drop(terminal);
     place
-        .line("compute cornell-box.obj -o other.hemicube --no-config --correction pixel --resolution 64")
+        .line("compute cornell-box.obj -o other.hemicube --config=none --correction pixel --resolution 64")
         .is(0);
     assert_same(&place.path("other.hemicube"), &place.path("cornell-box.hemicube"));
 }
@@ -677,7 +677,7 @@ fn a_result_is_looked_at() {
             "check a.hemicube",
             "view sparsity a.hemicube -o a.png",
             "report a.hemicube cornell-box.obj -o a.html",
-            "export a.hemicube a.npz --overwrite",
+            "export a.hemicube -o a.npz --overwrite",
         ]
     );
     assert!(std::fs::read(place.path("a.npz")).expect("the file").starts_with(b"PK"));

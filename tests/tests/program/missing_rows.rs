@@ -6,7 +6,7 @@ use hemicube_tests::runs::Place;
 fn two_rows() -> Place {
     let place = Place::new();
     place.line("generate room --patches 200 -o room.obj").is(0);
-    place.line("compute room.obj -o two --patches object --rows 0..2").is(0);
+    place.line("compute room.obj -o two --by object --rows 0..2").is(0);
     place
 }
 
@@ -20,7 +20,7 @@ fn table(place: &Place, name: &str) -> Vec<Vec<String>> {
 #[test]
 fn zones_without_rows_are_empty_in_tables_and_refused_by_view3d() {
     let place = two_rows();
-    place.line("export two zones.csv --by object").is(0);
+    place.line("export two -o zones.csv --by object").is(0);
     let rows = table(&place, "zones.csv");
     assert!(rows.len() > 2);
     for (at, row) in rows.iter().enumerate() {
@@ -33,7 +33,7 @@ fn zones_without_rows_are_empty_in_tables_and_refused_by_view3d() {
         }
     }
     place
-        .line("export two zones.vf --by object")
+        .line("export two -o zones.vf --by object")
         .is(2)
         .says(&["cannot say that zone `light` has no rows", ".csv"]);
 }

@@ -66,16 +66,16 @@ fn code_of_a_folder_is_not_run() {
             "tradeoff room.obj",
             "compute --print-config",
         ] {
-            let ran = place.line(command).is(2).says(&[words, "hint: ", "--no-config"]);
+            let ran = place.line(command).is(2).says(&[words, "hint: ", "--config=none"]);
             assert!(!ran.err.contains("x.so`: "), "it was looked at: {}", ran.err);
         }
-        place.line(&format!("{COMPUTE} --no-config -o n --overwrite")).is(0);
+        place.line(&format!("{COMPUTE} --config=none -o n --overwrite")).is(0);
     }
     // Who says so on the command line is taken at their word: then the file is looked at.
     write(&place, "hemicube.toml", "backend = \"./x.so\"\n");
     for command in [
         "inspect room.obj --config hemicube.toml",
-        "inspect room.obj --no-config --backend ./x.so",
+        "inspect room.obj --config=none --backend ./x.so",
     ] {
         place.line(command).is(2).says(&["backend `./x.so`: not loaded"]);
     }
@@ -139,11 +139,10 @@ fn links_at_foreseeable_names_are_left_alone() {
         ("b/.shards-2.hemicube-tmp", format!("{COMPUTE} -o b --overwrite"), 0),
         (".r.html.hemicube-tmp", "report m room.obj -o r.html".into(), 0),
         (".p.png.hemicube-tmp", "view sparsity m -o p.png".into(), 0),
-        (".j.json.hemicube-tmp", "check m --json=j.json".into(), 0),
         (".g.obj.hemicube-tmp", "generate maze --patches 100 -o g.obj".into(), 0),
         (".q.csv.hemicube-tmp", "solve m --materials mat.toml -o q.csv".into(), 0),
-        (".c.svg.hemicube-tmp", "compare m m --plot c.svg".into(), 0),
-        (".e.npz.hemicube-tmp", "export m e.npz".into(), 0),
+        (".c.svg.hemicube-tmp", "compare m m -o c.svg".into(), 0),
+        (".e.npz.hemicube-tmp", "export m -o e.npz".into(), 0),
         (
             "progress.json.hemicube-tmp",
             format!("{COMPUTE} -o o --progress-file progress.json"),
@@ -161,7 +160,7 @@ fn links_at_foreseeable_names_are_left_alone() {
                 symlink(&precious, &link).expect("a link");
             }
             let line = if hard && !line.starts_with("compute") && !line.contains("check") {
-                format!("{line} --overwrite").replace("solve m", "solve m --name again")
+                format!("{line} --overwrite").replace("solve m", "solve m --solution again")
             } else {
                 line.clone()
             };
@@ -180,7 +179,7 @@ fn links_at_foreseeable_names_are_left_alone() {
     assert_eq!(left(&place), 0);
     write(&place, ".e.npz.aaaaaaaaaa.hemicube-tmp", "left by a killed run");
     write(&place, ".e.npz.mine.hemicube-tmp", "not of our kind");
-    place.line("export m e.npz --overwrite").is(0);
+    place.line("export m -o e.npz --overwrite").is(0);
     assert_eq!(left(&place), 1);
 }
 
@@ -196,26 +195,22 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
     write(&place, "mine.csv", "mine");
     write(&place, "mine.html", "mine");
     write(&place, "f/parts/part-00000.npz", "mine");
-    let compute = "compute room.obj -o n --no-config";
+    let compute = "compute room.obj -o n --config=none";
     let before = files(&place.path(""));
     for (line, words) in [
-        ("inspect room.obj --json=room.obj", "is to be read"),
-        ("inspect room.obj --json=./m/../room.obj", "is to be read"),
-        ("inspect room.obj --json=same.json", "is to be read"),
+        ("solve m --materials mat.toml -o x.csv -o x.csv", "and so would"),
         (&format!("{compute} --progress-file room.obj"), "is to be read"),
+        (&format!("{compute} --progress-file ./m/../room.obj"), "is to be read"),
+        (&format!("{compute} --progress-file same.json"), "is to be read"),
         (
             &format!("{compute} --progress-file mine.json"),
-            "is no report of hemicube's",
+            "is no progress file of hemicube's",
         ),
         (
-            &format!("{compute} --json=n/manifest.json"),
+            &format!("{compute} --progress-file n/manifest.json"),
             "lies in the directory of the matrix `n`",
         ),
-        (
-            &format!("{compute} --json=x.json --progress-file x.json"),
-            "and so would",
-        ),
-        ("compute room.obj -o f --no-config", "is no part of a matrix"),
+        ("compute room.obj -o f --config=none", "is no part of a matrix"),
         (
             "solve m --materials mat.toml -o m/patches.npz",
             "lies in the directory of the matrix",
@@ -229,16 +224,17 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
             "lies in the directory of the matrix",
         ),
         ("solve m --materials mat.toml -o mine.csv", "exists"),
-        ("check m --json=m/manifest.json", "lies in the directory of the matrix"),
-        ("check m --json=linked/new.json", "lies in the directory of the matrix"),
-        ("check m --json=mine.json", "is no report of hemicube's"),
         (
-            "export m m/manifest.json --format npz --overwrite",
+            "export m -o linked/new.csv",
             "lies in the directory of the matrix",
         ),
-        ("export m mine.csv", "exists"),
         (
-            "export m room.obj --format csv --scene room.obj --overwrite",
+            "export m -o m/manifest.json --format npz --overwrite",
+            "lies in the directory of the matrix",
+        ),
+        ("export m -o mine.csv", "exists"),
+        (
+            "export m -o room.obj --format csv --scene room.obj --overwrite",
             "is to be read",
         ),
         ("report m room.obj -o mine.html", "exists"),
@@ -249,33 +245,29 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
         ("view sparsity m -o mine.png", "exists"),
         ("view model m room.obj --show seen -o mine.png", "exists"),
         ("view hemicube room.obj --patch 1 -o mine.png", "exists"),
-        ("compare m m --plot mine.svg", "exists"),
+        ("compare m m -o mine.svg", "exists"),
         (
-            "compare m m --plot m/x.svg --overwrite",
+            "compare m m -o m/x.svg --overwrite",
             "lies in the directory of the matrix",
         ),
-        ("tradeoff room.obj --plot mine.svg", "exists"),
+        ("tradeoff room.obj -o mine.svg", "exists"),
         ("balance m -o m/b --closure", "lies in the directory of the matrix"),
         (
             "balance m -o m --closure --overwrite",
             "lies in the directory of the matrix",
         ),
-        ("merge m --json=m/x.json", "lies in the directory of the matrix"),
         ("generate maze -o room.obj", "exists"),
-        ("check m --json=/dev/null", "is a pipe, a device or a socket"),
     ] {
         let ran = place.line(line).is(2).says(&[words]);
         assert_eq!(ran.err.matches("error: ").count(), 1, "{line}: {}", ran.err);
         assert!(before == files(&place.path("")), "`{line}` changed something");
     }
-    // With leave they are written; reports replace reports.
+    // With leave they are written.
     for line in [
         "report m room.obj -o mine.html --overwrite",
         "view sparsity m -o mine.png --overwrite",
-        "compare m m --plot mine.svg --overwrite",
+        "compare m m -o mine.svg --overwrite",
         "solve m --materials mat.toml -o mine.csv --overwrite",
-        "check m --json=r.json",
-        "check m --json=r.json",
         "sky room.obj --up z -o s --resolution 32",
         "sky room.obj --up z -o s --resolution 32 --overwrite",
     ] {
@@ -320,7 +312,7 @@ fn what_is_no_regular_file_is_refused_at_once() {
     for store in ["a", "b", "d"] {
         lines.extend([
             format!("check {store}"),
-            format!("export {store} x.npz --overwrite"),
+            format!("export {store} -o x.npz --overwrite"),
             format!("compare {store} m"),
             format!("solve {store} --materials mat.toml"),
             format!("report {store} room.obj -o x.html --overwrite"),
@@ -516,8 +508,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
         "is the finest that surely fits",
     );
     for (cut, within) in [
-        ("--subdivide 8", "--subdivide"),
-        ("--split 300", "--split"),
+                ("--split 300", "--split"),
         ("--patch-size 1", "--patch-size"),
     ] {
         let ran = at_once(&place, &format!("{COMPUTE} {cut} --memory 300M -o n"));
@@ -540,7 +531,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
         "sky room.obj --up y -o n",
         "view hemicube room.obj --patch 0 -o n.png",
     ] {
-        for cut in ["--subdivide 8", "--split 300", "--patch-size 1"] {
+        for cut in ["--split 256", "--split 300", "--patch-size 1"] {
             at_once(&place, &format!("{command} {cut} --memory 60M")).is(2).says(&[
                 "`--memory` of 60",
                 "may take",
@@ -549,7 +540,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
             ]);
         }
     }
-    let ran = place.line(&format!("{COMPUTE} --subdivide 8 --memory 100M -o n")).is(2);
+    let ran = place.line(&format!("{COMPUTE} --split 256 --memory 100M -o n")).is(2);
     let hint = ran
         .err
         .lines()
@@ -739,10 +730,10 @@ fn names_move_no_cursor_make_no_line_and_run_nothing() {
         "solve m",
         "solve m --materials none.toml",
         "check m",
-        "export m p.csv",
-        "export m z.csv --by object",
+        "export m -o p.csv",
+        "export m -o z.csv --by object",
         "compute names.gltf -o other --emitters nothing",
-        "sky names.gltf --store m",
+        "sky names.gltf --matrix m",
         "solve m --materials default.toml -o s.csv",
     ] {
         write(

@@ -21,26 +21,25 @@ fn race_all(pairs: u64) {
     let place = room();
     for (name, line) in [
         ("g", "generate room --patches 2000 -o g/g.obj --overwrite".to_owned()),
-        ("n", format!("{COMPUTE} --subdivide 2 -o n/n")),
+        ("n", format!("{COMPUTE} --split 4 -o n/n")),
         (
             "c",
-            format!("{COMPUTE} -o c/n --json=c/r.json --no-timings --overwrite"),
+            format!("{COMPUTE} -o c/n --overwrite"),
         ),
-        ("e", "export m e/e.txt --overwrite".to_owned()),
-        ("p", "export m p/p.csv --overwrite".to_owned()),
-        ("z", "export m z/z.csv --by object --overwrite".to_owned()),
+        ("e", "export m -o e/e.txt --overwrite".to_owned()),
+        ("p", "export m -o p/p.csv --overwrite".to_owned()),
+        ("z", "export m -o z/z.csv --by object --overwrite".to_owned()),
         ("m/solutions", "solve m --materials mat.toml -q".to_owned()),
         (
             "s",
-            "solve m --materials mat.toml --name other -o s/s.csv --overwrite".to_owned(),
+            "solve m --materials mat.toml --solution other -o s/s.csv --overwrite".to_owned(),
         ),
-        ("m/sky", "sky room.obj --store m --up z".to_owned()),
+        ("m/sky", "sky room.obj --matrix m --up z".to_owned()),
         ("k", "sky room.obj --up z --resolution 32 -o k --overwrite".to_owned()),
         ("r", "report m room.obj -o r/r.html --overwrite".to_owned()),
         ("v", "view sparsity m -o v/v.png --overwrite".to_owned()),
         ("b", "balance m -o b/b --closure --overwrite".to_owned()),
-        ("d", "compare m m --plot d/d.svg --json=d/d.json --overwrite".to_owned()),
-        ("w", "merge m --json=w/w.json".to_owned()),
+        ("d", "compare m m -o d/d.svg --overwrite".to_owned()),
     ] {
         if !name.starts_with("m/") {
             std::fs::create_dir_all(place.path(name)).expect("a folder");

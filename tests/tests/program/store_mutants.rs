@@ -18,17 +18,17 @@ const ADDRESS_SPACE: u64 = 3_000_000;
 /// Commands that read a matrix `m`, and what each leaves.
 const COMMANDS: [(&str, &[&str]); 17] = [
     ("check m", &[]),
-    ("export m o.npz", &["o.npz"]),
-    ("export m o.mtx", &["o.mtx"]),
-    ("export m o.npy", &["o.npy"]),
-    ("export m o.parquet", &["o.parquet"]),
-    ("export m o.csv", &["o.csv"]),
-    ("export m o.csv --by object", &["o.csv"]),
-    ("export m o.npz --with-sky", &["o.npz"]),
-    ("export m o.ply --scene room.obj", &["o.ply"]),
-    ("export m o.vtp --scene room.obj", &["o.vtp"]),
-    ("solve m --materials lit.toml --name new -o o.csv", &["o.csv"]),
-    ("sky room.obj --up y --store m", &["m/sky/sky.npz"]),
+    ("export m -o o.npz", &["o.npz"]),
+    ("export m -o o.mtx", &["o.mtx"]),
+    ("export m -o o.npy", &["o.npy"]),
+    ("export m -o o.parquet", &["o.parquet"]),
+    ("export m -o o.csv", &["o.csv"]),
+    ("export m -o o.csv --by object", &["o.csv"]),
+    ("export m -o o.npz --with-sky", &["o.npz"]),
+    ("export m -o o.ply --scene room.obj", &["o.ply"]),
+    ("export m -o o.vtp --scene room.obj", &["o.vtp"]),
+    ("solve m --materials lit.toml --solution new -o o.csv", &["o.csv"]),
+    ("sky room.obj --up y --matrix m", &["m/sky/sky.npz"]),
     ("view model m room.obj -o o.png --show seen", &["o.png"]),
     ("view sparsity m -o o.png", &["o.png"]),
     ("report m room.obj -o o.html", &["o.html"]),
@@ -55,8 +55,8 @@ fn whole(place: &Place) {
         "[default]\nreflectance = 0.5\n[material.light]\nemission = 1\n",
     )
     .expect("a file");
-    place.line("compute room.obj --subdivide 1 -o whole -q").is(0);
-    place.line("sky room.obj --up y --store whole -q").is(0);
+    place.line("compute room.obj --split 2 -o whole -q").is(0);
+    place.line("sky room.obj --up y --matrix whole -q").is(0);
     place.line("solve whole --materials lit.toml -q").is(0);
 }
 

@@ -24,7 +24,7 @@ fn a_matrix_that_compute_warned_of_is_doubtful_and_no_error() {
     let place = Place::new();
     let scene = cornell();
     place
-        .line(&format!("compute {scene} --subdivide 1 -o box --no-config"))
+        .line(&format!("compute {scene} --split 2 -o box --config=none"))
         .is(0)
         .says(&["in more than half of the view"]);
     let checked = place.line("check box").is(0).out;
@@ -59,7 +59,7 @@ fn a_matrix_that_compute_warned_of_is_doubtful_and_no_error() {
 fn rows_beyond_the_tolerance_asked_for_are_doubtful_and_beyond_a_bound_failed() {
     let place = Place::new();
     place.line("generate room --patches 300 -o room.obj -q").is(0);
-    place.line("compute room.obj --tolerance 5% -o F -q --no-config").is(0);
+    place.line("compute room.obj --tolerance 5% -o F -q --config=none").is(0);
     let report = place.line("check F --json").is(0).json();
     assert_eq!(states(&report), ["ok"; 3]);
     assert_eq!(report["quality"]["closure_limit"], 0.05);
@@ -67,7 +67,7 @@ fn rows_beyond_the_tolerance_asked_for_are_doubtful_and_beyond_a_bound_failed() 
     let worst = report["closure"]["max"].as_f64().expect("a number");
     assert!(worst > 1e-6);
     let failed = place
-        .line(&format!("check F --closure {} --json", worst / 2.0))
+        .line(&format!("check F --max-closure {} --json", worst / 2.0))
         .is(1)
         .json();
     assert_eq!(states(&failed), ["ok", "ok", "failed"]);
@@ -96,7 +96,7 @@ fn an_unfinished_matrix_is_not_called_damaged() {
     let scene = cornell();
     place
         .line(&format!(
-            "compute {scene} --subdivide 2 --shard 1/2 -o box -q --no-config"
+            "compute {scene} --split 4 --shard 1/2 -o box -q --config=none"
         ))
         .is(0);
     let checked = place.line("check box").is(1).out;
@@ -112,7 +112,7 @@ fn an_unfinished_matrix_is_not_called_damaged() {
 
     // A part that is gone from a finished matrix is damage.
     place
-        .line(&format!("compute {scene} --subdivide 2 -o whole -q --no-config"))
+        .line(&format!("compute {scene} --split 4 -o whole -q --config=none"))
         .is(0);
     std::fs::remove_file(place.path("whole/parts/part-00003.npz")).expect("a part");
     let checked = place.line("check whole").is(1).out;
@@ -135,7 +135,7 @@ fn help_says_the_bound_that_holds() {
     for (correction, bound) in [("pixel", Some(1e-6)), ("tolerance", None)] {
         place
             .line(&format!(
-                "compute room.obj --correction {correction} -o F -q --overwrite --no-config"
+                "compute room.obj --correction {correction} -o F -q --overwrite --config=none"
             ))
             .is(0);
         let report = place.line("check F --json").is(0).json();

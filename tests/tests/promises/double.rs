@@ -1,4 +1,4 @@
-//! Form factors in f64, as a user meets them: `--store double` through every command, closed forms to 10⁻¹⁰, and
+//! Form factors in f64, as a user meets them: `--form double` through every command, closed forms to 10⁻¹⁰, and
 //! tolerances that f32 does not hold.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
@@ -66,7 +66,7 @@ fn a_double_store_goes_through_every_command() {
     let place = room_with_a_box();
     place.line("compute room.obj -o plain").is(0);
     place
-        .line("compute room.obj -o double --store double")
+        .line("compute room.obj -o double --form double")
         .is(0)
         .says(&["f64"]);
     let store = Store::open(&place.path("double")).expect("a store");
@@ -101,17 +101,17 @@ fn a_double_store_goes_through_every_command() {
         "compare double plain",
         "solve double --materials materials.toml",
         "exchange double --by object --materials materials.toml",
-        "sky room.obj --up z --store double",
+        "sky room.obj --up z --form double",
         "report double room.obj --up z -o page.html",
-        "view hemicube room.obj --patch 3 --store double -o hemicube.png",
+        "view hemicube room.obj --patch 3 --form double -o hemicube.png",
         "view model double room.obj --up z --show row --patch 3 -o row.png",
         "view sparsity double -o sparsity.png",
-        "export double F.npz",
-        "export double F.npy",
-        "export double F.mtx",
-        "export double F.txt",
-        "export double F.parquet",
-        "export double zones.npz --by object",
+        "export double -o F.npz",
+        "export double -o F.npy",
+        "export double -o F.mtx",
+        "export double -o F.txt",
+        "export double -o F.parquet",
+        "export double -o zones.npz --by object",
         "balance double -o balanced --closure --reciprocity",
         "check balanced",
     ] {
@@ -143,7 +143,7 @@ fn a_double_store_goes_through_every_command() {
 #[test]
 fn shards_and_resumed_runs_have_the_bytes_of_one() {
     let place = room_with_a_box();
-    let line = "compute room.obj --split 3 --store double --tolerance 0.05% --rotation off";
+    let line = "compute room.obj --split 3 --form double --tolerance 0.05% --rotation off";
     place.line(&format!("{line} -o whole")).is(0);
     for shard in [1, 2] {
         place.line(&format!("{line} -o parts --shard {shard}/2")).is(0);
@@ -160,9 +160,9 @@ fn shards_and_resumed_runs_have_the_bytes_of_one() {
     assert_eq!(bytes("whole"), bytes("parts"));
     // Another form is another run.
     place
-        .line("compute room.obj --split 3 --tolerance 0.05% --rotation off -o whole --store plain")
+        .line("compute room.obj --split 3 --tolerance 0.05% --rotation off -o whole --form plain")
         .is(2)
-        .says(&["its form (`--store`) is double, here it is plain"]);
+        .says(&["its form (`--form`) is double, here it is plain"]);
 }
 
 #[test]
@@ -191,7 +191,7 @@ fn unoccluded_pairs_are_exact_to_ten_digits() {
         place.write("pair.obj", text);
         for (tolerance, split) in [("0.09%", 1), ("0.00001%", 1), ("0.01%", 3)] {
             let out = format!("F-{split}-{tolerance}");
-            let line = format!("compute pair.obj --store double --tolerance {tolerance} --split {split} -o {out}");
+            let line = format!("compute pair.obj --form double --tolerance {tolerance} --split {split} -o {out}");
             place.line(&line).is(0);
             let store = Store::open(&place.path(&out)).expect("a store");
             let table = store.patches().expect("a table");
@@ -223,7 +223,7 @@ fn rows_of_a_closed_cube_sum_to_one() {
     text.push_str("f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n");
     place.write("cube.obj", text);
     let line = "compute cube.obj --split 4 --tolerance 0.05% -o";
-    place.line(&format!("{line} double --store double")).is(0);
+    place.line(&format!("{line} double --form double")).is(0);
     place.line(&format!("{line} plain")).is(0);
     let worst = |name: &str| {
         let store = Store::open(&place.path(name)).expect("a store");
@@ -234,8 +234,8 @@ fn rows_of_a_closed_cube_sum_to_one() {
     assert!(worst("double") < 1e-10, "{:e}", worst("double"));
     // The bound is not met by rounding alone.
     assert!(worst("plain") > 1e-9, "{:e}", worst("plain"));
-    place.line("check double --closure 1e-10").is(0);
-    place.line("check plain --closure 1e-10").is(1);
+    place.line("check double --max-closure 1e-10").is(0);
+    place.line("check plain --max-closure 1e-10").is(1);
 }
 
 #[test]
@@ -243,11 +243,11 @@ fn tolerances_that_f32_does_not_hold_are_refused_by_a_sentence() {
     let place = room_with_a_box();
     let line = "compute room.obj --rows 0..1 -o F";
     place.line(&format!("{line} --tolerance 1e-7")).is(2).says(&[
-        "`--store plain` rounds form factors by up to",
-        "`--store double` is needed",
+        "`--form plain` rounds form factors by up to",
+        "`--form double` is needed",
     ]);
     place
-        .line(&format!("{line} --tolerance 9e-8 --store double"))
+        .line(&format!("{line} --tolerance 9e-8 --form double"))
         .is(2)
         .says(&["0.00001% (1e-7) to 50%"]);
     place.line(&format!("{line} --tolerance 1e-6")).is(0);

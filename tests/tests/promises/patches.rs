@@ -33,7 +33,7 @@ type Table = BTreeMap<String, BTreeMap<String, f64>>;
 
 fn table(place: &Place, store: &str, by: &str) -> Table {
     place
-        .line(&format!("export {store} {store}-{by}.csv --by {by} --overwrite -q"))
+        .line(&format!("export {store} -o {store}-{by}.csv --by {by} --overwrite -q"))
         .is(0);
     let text = std::fs::read_to_string(place.path(format!("{store}-{by}.csv"))).expect("a table");
     let mut lines = text.lines();
@@ -62,7 +62,7 @@ fn holds_however_it_is_cut(scene: &str, cuts: &[&str], expected: &[(&str, &str, 
     for cut in cuts {
         place
             .line(&format!(
-                "compute scene.obj -o F --overwrite -q --patches object --tolerance 0.01% {cut}"
+                "compute scene.obj -o F --overwrite -q --by object --tolerance 0.01% {cut}"
             ))
             .is(0);
         place.line("check F -q").is(0);
@@ -271,7 +271,7 @@ fn a_city_by_object_and_by_material_is_the_aggregate_of_its_triangles() {
     }
 }
 
-const CITY: &str = "compute city.obj --patches object --correction pixel --resolution 32 -q";
+const CITY: &str = "compute city.obj --by object --correction pixel --resolution 32 -q";
 
 fn city(patches: u32) -> Place {
     let place = Place::new();
@@ -284,7 +284,7 @@ fn city(patches: u32) -> Place {
 #[test]
 fn threads_batches_shards_and_kills_change_no_byte() {
     let place = city(4_000);
-    for form in ["", "--store compact --min-factor 1e-4", "--sample-rows 50% --seed 4"] {
+    for form in ["", "--form compact --min-factor 1e-4", "--rows 50% --seed 4"] {
         let run = |more: &str| place.line(&format!("{CITY} {form} {more}")).is(0);
         run("-o whole --overwrite --threads 2");
         run("-o other --overwrite --threads 1 --batch 7");
@@ -311,7 +311,7 @@ fn threads_batches_shards_and_kills_change_no_byte() {
     }
     // The manifests of triangles know nothing of it.
     place
-        .line("compute city.obj --patches triangle --rows 0..9 -q -o plain")
+        .line("compute city.obj --by triangle --rows 0..9 -q -o plain")
         .is(0);
     let manifest = std::fs::read_to_string(place.path("plain/manifest.json")).expect("a manifest");
     assert!(
@@ -326,24 +326,24 @@ fn rows_of_patches_are_chosen_by_patch() {
     place.write("room.obj", quads(2));
     let compute = |line: &str| place.line(&format!("compute room.obj --overwrite {line}"));
     let of = |name: &str| table(&place, name, "object");
-    compute("-o all --patches object -q").is(0);
-    compute("-o some --patches object -q --rows 1..3").is(0);
+    compute("-o all --by object -q").is(0);
+    compute("-o some --by object -q --rows 1..3").is(0);
     assert_eq!(of("some")["ceiling"], of("all")["ceiling"]);
     assert!(of("some")["floor"]["west"].is_nan(), "no row, no factors");
     // Objects without a column are unselected as wholes.
-    compute("-o few --patches object -q --receivers b*").is(0);
+    compute("-o few --by object -q --receivers b*").is(0);
     let (few, all) = (of("few"), of("all"));
     let floor = &few["floor"];
     // Rows are refined by their columns: near, not equal.
     let off = floor["block"] / all["floor"]["block"] - 1.0;
     assert!(off.abs() < 0.01 && floor["west"] == 0.0, "{off:e}, {few:?}");
     assert!((floor["block"] + floor["unselected"] + floor["blocked"] + floor["escaped"] - 1.0).abs() < 0.01);
-    compute("-o no --patches object -q --rows 3..8")
+    compute("-o no --by object -q --rows 3..8")
         .is(2)
         .says(&["the scene has 7 patches"]);
-    compute("-o no --patches material -q --emitters of_west").is(0);
-    compute("-o no --patches material -q --emitters block --occluders wes*").is(0);
-    compute("-o no --patches object --rows 0..1 -q --emitters nothing").is(2);
+    compute("-o no --by material -q --emitters of_west").is(0);
+    compute("-o no --by material -q --emitters block --occluders wes*").is(0);
+    compute("-o no --by object --rows 0..1 -q --emitters nothing").is(2);
     compute("-o no --patches surface -q").is(2).says(&["surface"]);
 }
 
@@ -359,13 +359,13 @@ fn what_needs_one_material_says_so() {
         rest.replacen("\nv ", "\nusemtl other\nv ", 1)
     );
     place.write("room.obj", &mixed);
-    place.line("compute room.obj -o objects --patches object -q").is(0);
+    place.line("compute room.obj -o objects --by object -q").is(0);
     place
-        .line("compute room.obj -o no --patches object --emitters other -q")
+        .line("compute room.obj -o no --by object --emitters other -q")
         .is(2)
-        .says(&["`--emitters`", "of the object `block`", "--patches face"]);
+        .says(&["`--emitters`", "of the object `block`", "--by face"]);
     place
-        .line("export objects x.csv --by material")
+        .line("export objects -o x.csv --by material")
         .is(2)
         .says(&["matrix of patches by object", "by material"]);
     place.write(
@@ -376,20 +376,20 @@ fn what_needs_one_material_says_so() {
         "`block`",
         "several materials",
         "a reflectance",
-        "--patches face",
+        "--by face",
     ]);
     // Another scene, and another kind.
     place.write("other.obj", quads(2));
     place
-        .line("export objects x.vtp --scene other.obj")
+        .line("export objects -o x.vtp --scene other.obj")
         .is(2)
         .says(&["is not the scene"]);
     place
         .line("compute room.obj -o objects -q")
         .is(2)
-        .says(&["it was computed with `--patches object`, and here it is without"]);
+        .says(&["it was computed with `--by object`, and here it is without"]);
     // By material everything has one.
-    place.line("compute room.obj -o materials --patches material -q").is(0);
+    place.line("compute room.obj -o materials --by material -q").is(0);
     place
         .line("compare objects materials")
         .is(2)
@@ -428,14 +428,14 @@ fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
     let mut open = surfaces(2);
     open.retain(|(name, _)| *name != "ceiling");
     place.write("room.obj", obj(&open));
-    for (name, more) in [("triangles", ""), ("objects", "--patches object")] {
+    for (name, more) in [("triangles", ""), ("objects", "--by object")] {
         place
             .line(&format!(
                 "compute room.obj -o {name} --correction pixel --split 2 -q {more}"
             ))
             .is(0);
         place
-            .line(&format!("sky room.obj --store {name} --up z -q --csv {name}-sky.csv"))
+            .line(&format!("sky room.obj --matrix {name} --up z -q -o {name}-sky.csv"))
             .is(0);
         place.line(&format!("check {name} -q")).is(0);
     }
@@ -467,7 +467,7 @@ fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
     place.write("suns.txt", "0 0 1\n1 0 1\n");
     place.write("points.txt", "0.5 0.5 0.4 0 0 1\n");
     place
-        .line("sky room.obj --store objects --up z -q --suns suns.txt --points points.txt")
+        .line("sky room.obj --matrix objects --up z -q --suns suns.txt --points points.txt")
         .is(0);
     let sky = hemicube::sky::StoredSky::open(&place.path("objects/sky/sky.npz")).expect("sky rows");
     assert_eq!(sky.rows(), objects["area"].len());
@@ -479,7 +479,7 @@ fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
     place.line("solve objects --materials m.toml -o light.csv -q").is(0);
     place.write("heat.toml", "[default]\nemissivity = 0.9\ntemperature = 293\n");
     place
-        .line("solve objects --materials heat.toml --thermal --ambient 260 --ground 280 -q")
+        .line("solve objects --materials heat.toml --thermal --sky-temperature 260 --ground-temperature 280 -q")
         .is(0);
 }
 
@@ -487,9 +487,9 @@ fn the_sky_of_a_patch_is_the_mean_of_its_triangles() {
 fn a_hemicube_of_a_patch_stands_on_its_middle_triangle() {
     let place = Place::new();
     place.write("room.obj", quads(3));
-    place.line("compute room.obj -o objects --patches object -q").is(0);
+    place.line("compute room.obj -o objects --by object -q").is(0);
     // The floor is 3 × 3 quads of two triangles: the middle one's are 8 and 9.
-    let found = place.line("view hemicube room.obj --store objects --patch 0 -o x.svg");
+    let found = place.line("view hemicube room.obj --matrix objects --patch 0 -o x.svg");
     let found = found.is(0);
     let said = format!("{}{}", found.out, found.err);
     let name = said.split("object ").nth(1).and_then(|rest| rest.split(',').next());
@@ -500,7 +500,7 @@ fn a_hemicube_of_a_patch_stands_on_its_middle_triangle() {
     assert!(matches!(triangle, Some("8" | "9")), "{said}");
     assert!(name.is_some_and(|name| SIDES.contains(&name)), "{said}");
     place
-        .line("view hemicube room.obj --store objects --patch 7 -o y.svg")
+        .line("view hemicube room.obj --matrix objects --patch 7 -o y.svg")
         .is(2)
         .says(&["the scene has 7 patches"]);
 }
@@ -510,11 +510,11 @@ fn values_of_patches_are_on_all_of_their_triangles() {
     let place = Place::new();
     place.write("room.obj", quads(2));
     place
-        .line("compute room.obj -o objects --patches object --split 2 -q")
+        .line("compute room.obj -o objects --by object --split 2 -q")
         .is(0);
-    place.line("export objects patches.csv -q --patches").is(0);
+    place.line("export objects -o patches.csv -q --results").is(0);
     place
-        .line("export objects triangles.csv --scene room.obj -q --patches")
+        .line("export objects -o triangles.csv --scene room.obj -q --results")
         .is(0);
     let read = |name: &str| std::fs::read_to_string(place.path(name)).expect("a table");
     let (patches, triangles) = (read("patches.csv"), read("triangles.csv"));
@@ -534,7 +534,7 @@ fn values_of_patches_are_on_all_of_their_triangles() {
         assert_eq!(sum, sums[patch.parse::<usize>().expect("a patch")]);
     }
     for file in ["x.vtp", "x.vtu", "x.ply", "x.glb --up z"] {
-        place.line(&format!("export objects {file} --scene room.obj -q")).is(0);
+        place.line(&format!("export objects -o {file} --scene room.obj -q")).is(0);
     }
     let view = "view model objects room.obj --show row --patch 6 -o x.png --up z --eye 0.3,0.3,0.8 --look-at 1.5,1,0.3";
     place.line(view).is(0);
@@ -581,7 +581,7 @@ fn a_tolerance_is_of_the_matrix_of_surfaces() {
         say(&format!("{scene} by {kind}: {error:.5} off at 1 %; {reason}"));
         assert!(error <= 0.01, "{scene} by {kind}: {error}");
         // Rows still sum to 1 within the tolerance.
-        place.line("check asked -q --closure 0.01").is(0);
+        place.line("check asked -q --max-closure 0.01").is(0);
         compute("coarse", "--correction pixel --resolution 16");
         let coarse = off("coarse");
         assert!(coarse > 2.0 * error, "a coarse one is found out: {coarse}");
@@ -594,7 +594,7 @@ fn verification_draws_from_large_patches_and_says_how_sure_it_is() {
     place.write("quads.obj", quads(6));
     let run = |more: &str| {
         let line =
-            format!("compute quads.obj -o F --overwrite --patches object --tolerance 2% --verify 3 --json {more}");
+            format!("compute quads.obj -o F --overwrite --by object --tolerance 2% --verify 3 --json {more}");
         place.line(&line)
     };
     // Each side has 72 triangles, 32 of which are drawn.
@@ -620,7 +620,7 @@ fn verification_draws_from_large_patches_and_says_how_sure_it_is() {
     );
     // A wrong aggregate is found: sums of coarse pixels.
     let coarse = place
-        .line("compute quads.obj -o G --patches object --correction pixel --resolution 16 --verify 3 --json")
+        .line("compute quads.obj -o G --by object --correction pixel --resolution 16 --verify 3 --json")
         .is(0)
         .json();
     let coarse = number(&coarse["verification"]["measured"]["relative_frobenius"]);

@@ -109,7 +109,7 @@ fn a_tolerance_comes_in_layers_like_any_setting() {
                 .is_some_and(|(value, from)| value.trim() == setting && from.starts_with(origin))
         })
     };
-    let text = printed("--no-config");
+    let text = printed("--config=none");
     assert!(
         has(&text, "# tolerance =", "not set") && has(&text, "resolution = \"auto\"", "built-in"),
         "{text}"
@@ -157,7 +157,7 @@ fn a_tolerance_comes_in_layers_like_any_setting() {
         ("--tolerance much", ["--tolerance", "`1%`"]),
         ("--verify 0", ["--verify", "0"]),
     ] {
-        let (out, err) = place.line(&format!("compute scene.obj -o n --no-config {settings}"), 2);
+        let (out, err) = place.line(&format!("compute scene.obj -o n --config=none {settings}"), 2);
         assert!(
             out.is_empty() && words.iter().all(|word| err.contains(word)),
             "{settings}: {err}"
@@ -231,7 +231,7 @@ fn columns_that_were_not_asked_for_do_not_count_as_errors() {
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 1 1\nv 1 0 1\nv 0 0 0.5\nv 0.3 0 0.5\nv 0 0.3 0.5\n\
          o floor\nf 1 2 3\no ceiling\nf 4 5 6\no shelf\nf 7 9 8\n",
     );
-    let line = "compute scene.obj -o m --subdivide 2 --emitters floor --receivers shelf --verify 99 -q --json";
+    let line = "compute scene.obj -o m --split 4 --emitters floor --receivers shelf --verify 99 -q --json";
     let verification = &place.json(line, 0)["verification"];
     assert_eq!(verification["rows"], 16);
     let measured = &verification["measured"];
@@ -242,8 +242,8 @@ fn columns_that_were_not_asked_for_do_not_count_as_errors() {
 #[test]
 fn error_against_time() {
     let place = Place::with("room", 250);
-    let line = "tradeoff scene.obj --subdivide 1 --sample-rows 8 --seed 5 --tolerance 2%";
-    let (table, err) = place.line(&format!("{line} --plot plot.svg --json=report.json"), 0);
+    let line = "tradeoff scene.obj --split 2 --rows 8 --seed 5 --tolerance 2%";
+    let (table, err) = place.line(&format!("{line} -o plot.svg --json"), 0);
     for word in [
         "setting",
         "ms/row",
@@ -299,7 +299,7 @@ fn error_against_time() {
     let recommended = &report["recommended"];
     let command = recommended["command"].as_str().expect("a command");
     assert!(
-        table.contains(command) && command.contains("--subdivide 1"),
+        table.contains(command) && command.contains("--split 2"),
         "{command}"
     );
     assert!(number(&recommended["error"]) <= 0.02);
@@ -312,7 +312,7 @@ fn error_against_time() {
     );
     assert_eq!(number(&recommended["milliseconds_per_row"]), wanted);
     let words = command.strip_prefix("hemicube ").expect("the program's name");
-    let computed = place.json(&format!("{words} --sample-rows 8 --seed 5 --verify 8 -q --json"), 0);
+    let computed = place.json(&format!("{words} --rows 8 --seed 5 --verify 8 -q --json"), 0);
     assert!(
         number(&computed["verification"]["measured"]["relative_frobenius"]) <= 0.021,
         "{computed}"
@@ -332,7 +332,7 @@ fn error_against_time() {
 fn errors_do_not_depend_on_the_clock_or_the_threads() {
     let place = Place::with("block-city", 300);
     let report = |threads: u32, seed: u32| {
-        let line = "tradeoff scene.obj --sample-rows 4 -q --json --no-timings";
+        let line = "tradeoff scene.obj --rows 4 -q --json --no-timings";
         let mut report = place.json(&format!("{line} --threads {threads} --seed {seed}"), 0);
         report.as_object_mut().expect("an object").remove("threads");
         let text = report.to_string();
@@ -361,7 +361,7 @@ fn the_smallest_scenes_have_a_trade_off_too() {
     place.write("one.obj", &format!("{pair}f 1 2 3\n"));
     place.write("two.obj", &format!("{pair}f 1 2 3\nf 4 5 6\n"));
     for scene in ["one", "two"] {
-        let (table, _) = place.line(&format!("tradeoff {scene}.obj --plot {scene}.png --tolerance 0.5"), 0);
+        let (table, _) = place.line(&format!("tradeoff {scene}.obj -o {scene}.png --tolerance 0.5"), 0);
         assert!(
             table.contains(&format!("hemicube compute {scene}.obj -o {scene}.hemicube")),
             "{table}"
@@ -375,10 +375,10 @@ fn the_smallest_scenes_have_a_trade_off_too() {
 fn wrong_usage_is_refused_before_anything_is_read() {
     let place = Place::with("room", 40);
     for (line, word) in [
-        ("tradeoff scene.obj --plot plot.pdf", ".svg or .png"),
-        ("tradeoff scene.obj --plot missing/plot.svg", "missing/plot.svg"),
-        ("tradeoff scene.obj --sample-rows 1", "--sample-rows"),
-        ("tradeoff scene.obj --sample-rows 5%", "--sample-rows"),
+        ("tradeoff scene.obj -o plot.pdf", ".svg or .png"),
+        ("tradeoff scene.obj -o missing/plot.svg", "missing/plot.svg"),
+        ("tradeoff scene.obj --rows 1", "--rows"),
+        ("tradeoff scene.obj --rows 5%", "--rows"),
         ("tradeoff scene.obj --tolerance 80%", "50 %"),
         ("tradeoff scene.obj --backend gpu", "no backend named `gpu`"),
         ("tradeoff missing.obj", "missing.obj"),
@@ -414,7 +414,7 @@ fn an_interrupt_leaves_nothing_half_done() {
         ended(&child.wait_with_output().expect("the program ends"), line, 130)
     };
     let (out, _) = interrupted(
-        "tradeoff scene.obj --sample-rows 20000 --plot plot.svg --json=report.json",
+        "tradeoff scene.obj --rows 20000 -o plot.svg --json",
         Duration::from_secs(2),
     );
     assert!(out.is_empty(), "{out}");

@@ -23,7 +23,7 @@ fn inspect(scene: &Path, arguments: &[&str]) -> String {
         .arg("inspect")
         .arg(scene)
         .args(arguments)
-        .arg("--no-config")
+        .arg("--config=none")
         .timeout(std::time::Duration::from_secs(300))
         .output()
         .expect("the program runs");
@@ -374,7 +374,7 @@ fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
 
 /// What a run takes of what was foretold of it.
 fn taken_of_foretold(place: &Place, scene: &str, level: &str) -> [f64; 3] {
-    let settings = format!("--no-config --threads 1 {level}");
+    let settings = format!("--config=none --threads 1 {level}");
     let foretold = place.line(&format!("inspect {scene} --json {settings}")).is(0).json()["forecast"].clone();
     let line = format!("compute {scene} -o out --overwrite --quiet --json {settings}");
     let taken = place.line(&line).is(0).json();
@@ -415,9 +415,9 @@ fn a_forecast_follows_the_accuracy_asked_within_a_factor_of_2() {
             .or(report[what].as_f64())
             .expect("a number")
     };
-    let coarse = of("inspect maze.obj --json --no-config", "steps");
+    let coarse = of("inspect maze.obj --json --config=none", "steps");
     let fine = of(
-        "compute maze.obj -o out --overwrite --quiet --json --no-config --tolerance 0.3%",
+        "compute maze.obj -o out --overwrite --quiet --json --config=none --tolerance 0.3%",
         "steps",
     );
     assert!(fine > 2.0 * coarse, "{fine} {coarse}");

@@ -769,9 +769,9 @@ fn curved_elements_of_second_order_have_the_area_of_their_nodes() {
     // Bottom to top of the prism of sixteen sides, by its own nodes; the can's own factor is 0.171573.
     place.write("can.msh", can(8));
     place
-        .line("compute can.msh -o m --overwrite --tolerance 0.1% --patches object")
+        .line("compute can.msh -o m --overwrite --tolerance 0.1% --by object")
         .is(0);
-    place.line("export m f.csv --by object --overwrite").is(0);
+    place.line("export m -o f.csv --by object --overwrite").is(0);
     let text = std::fs::read_to_string(place.path("f.csv")).expect("a table");
     assert!(text.contains("0.168"), "{text}");
 }
@@ -865,7 +865,7 @@ fn millimetres_are_asked_about_where_heat_is() {
     ] {
         place.write(name, scaled(by));
         compute(&place, name);
-        let ran = place.line("solve m --thermal --materials m.toml --ambient 300").is(0);
+        let ran = place.line("solve m --thermal --materials m.toml --sky-temperature 300").is(0);
         assert_eq!(ran.err.contains("--scale 0.001"), asked, "{name}: {}", ran.err);
     }
 }

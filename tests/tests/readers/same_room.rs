@@ -34,8 +34,8 @@ fn room(place: &Place, name: &str, change: [&str; 2]) -> (Vec<u8>, Zones) {
     place
         .line(&format!("compute {name} -o m --overwrite --up z --tolerance 0.1% -q"))
         .is(0);
-    place.line("export m m.mtx --overwrite").is(0);
-    place.line("export m m.csv --by object --overwrite").is(0);
+    place.line("export m -o m.mtx --overwrite").is(0);
+    place.line("export m -o m.csv --by object --overwrite").is(0);
     let text = std::fs::read_to_string(place.path("m.csv")).expect("a table");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let header = lines.next().expect("a header");

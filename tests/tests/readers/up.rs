@@ -13,7 +13,7 @@ const CUBE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 
 
 /// The axis by `inspect`, and whether it is a guess.
 fn inspected(place: &Place, scene: &str) -> (String, bool) {
-    let report = place.line(&format!("inspect {scene} --json --no-config")).is(0).json();
+    let report = place.line(&format!("inspect {scene} --json --config=none")).is(0).json();
     let scene = &report["scene"];
     (
         scene["up"].as_str().expect("an axis").to_owned(),
@@ -34,12 +34,12 @@ fn every_command_asks_where_nothing_tells() {
     let place = Place::new();
     place.write("cube.obj", CUBE);
     assert!(inspected(&place, "cube.obj").1);
-    place.line("compute cube.obj -o F -q --no-config").is(0);
+    place.line("compute cube.obj -o F -q --config=none").is(0);
     for line in [
         "sky cube.obj -o sky",
         "report F cube.obj -o F.html",
         "view model F cube.obj --show seen -o F.png",
-        "export F F.glb --scene cube.obj",
+        "export F -o F.glb --scene cube.obj",
     ] {
         place
             .line(line)
@@ -51,7 +51,7 @@ fn every_command_asks_where_nothing_tells() {
     }
     assert_eq!(of_page(&place, "F.html"), "z");
     // A matrix that was told knows it.
-    place.line("compute cube.obj --up x -o G -q --no-config").is(0);
+    place.line("compute cube.obj --up x -o G -q --config=none").is(0);
     place.line("report G cube.obj -o G.html").is(0);
     assert_eq!(of_page(&place, "G.html"), "x");
 }
@@ -81,7 +81,7 @@ fn what_inspect_finds_is_what_the_others_use() {
     for (scene, axis) in scenes {
         assert_eq!(inspected(&place, &scene), (axis.to_owned(), false), "{scene}");
         place
-            .line(&format!("compute {scene} -o F -q --overwrite --no-config"))
+            .line(&format!("compute {scene} -o F -q --overwrite --config=none"))
             .is(0);
         place
             .line(&format!("report F {scene} -o F.html --overwrite"))

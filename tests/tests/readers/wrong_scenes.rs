@@ -75,7 +75,7 @@ fn city(inside_out: bool, ground: bool) -> String {
 }
 
 fn inspected(place: &Place, line: &str) -> Value {
-    place.line(&format!("inspect {line} --json - --no-config")).is(0).json()["enclosure"].clone()
+    place.line(&format!("inspect {line} --json - --config=none")).is(0).json()["enclosure"].clone()
 }
 
 fn sentences(enclosure: &Value) -> Vec<String> {
@@ -120,7 +120,7 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
             assert!(said.iter().any(named), "{name}: {said:?}");
         }
         let run = place
-            .line("compute wrong.obj --split 3 -o W --overwrite --no-config")
+            .line("compute wrong.obj --split 3 -o W --overwrite --config=none")
             .is(0);
         run.says(&[&format!("`{}` faces the wrong way", wrong[0])]);
 
@@ -129,7 +129,7 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
         assert!(sentences(&inspected(&place, &format!("wrong.obj --split 3{flips}"))).is_empty());
         place
             .line(&format!(
-                "compute wrong.obj --split 3{flips} -o R --overwrite --no-config"
+                "compute wrong.obj --split 3{flips} -o R --overwrite --config=none"
             ))
             .is(0);
         let manifest: Value =
@@ -142,13 +142,13 @@ fn the_object_that_faces_the_wrong_way_is_named_and_not_those_that_see_it() {
                 .eq(wrong.iter().map(|name| Some(*name)))
         );
         assert!(manifest["sums"].is_object() || manifest["parts"].is_array());
-        place.line("sky wrong.obj --store R --up z").is(0);
+        place.line("sky wrong.obj --matrix R --up z").is(0);
         place.line("check R").is(0);
         // Another way round is another scene: a run does not go on with it.
-        let other = place.line("compute wrong.obj --split 3 -o R --resume --no-config");
+        let other = place.line("compute wrong.obj --split 3 -o R --resume --config=none");
         assert_ne!(other.code, Some(0), "{}", other.err);
     }
-    let refused = place.line("inspect wrong.obj --flip nothing --no-config");
+    let refused = place.line("inspect wrong.obj --flip nothing --config=none");
     refused
         .is(2)
         .says(&["`--flip nothing` matches no object", "`bottom`, `east`"]);
@@ -167,7 +167,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
     assert!(said[0].contains("`--flip all`"), "{said:?}");
     assert!(sentences(&inspected(&place, "out.obj --flip all")).is_empty());
     // The closed table sees its own inside: the matrix has entries, and fails all the same.
-    let of = "--split 4 --no-config --overwrite -o G";
+    let of = "--split 4 --config=none --overwrite -o G";
     place.line(&format!("compute out.obj {of}")).is(0);
     let checked = place.line("check G").is(1).out;
     assert!(
@@ -192,7 +192,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
         .into();
     write(&place, "box.obj", obj(&quads).as_bytes());
     place
-        .line("compute box.obj --split 4 -o E --no-config")
+        .line("compute box.obj --split 4 -o E --config=none")
         .is(0)
         .says(&["wound outwards throughout", "`--flip all`"]);
     let checked = place.line("check E").is(1);
@@ -202,13 +202,13 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
         checked.out
     );
     place
-        .line("compute box.obj --split 4 -o F --flip all --no-config")
+        .line("compute box.obj --split 4 -o F --flip all --config=none")
         .is(0);
     let checked = place.line("check F").is(0);
     assert!(checked.out.contains("Everything holds"), "{}", checked.out);
     // Both sides of everything radiate: there is nothing to turn, which is said.
     place
-        .line("inspect box.obj --two-sided on --flip all --no-config")
+        .line("inspect box.obj --two-sided on --flip all --config=none")
         .is(2)
         .says(&["two-sided"]);
 }
@@ -231,17 +231,17 @@ fn an_inside_out_city_is_named_and_a_city_is_not() {
         "{said:?}"
     );
     assert!(said[0].contains("`--flip 'building *'`"), "{said:?}");
-    let found = place.line("inspect wrong.obj --no-config").is(0);
+    let found = place.line("inspect wrong.obj --config=none").is(0);
     assert!(found.out.contains("Wound the wrong way"), "{}", found.out);
     // Where there is no ground, nobody sees the backs.
     let found = inspected(&place, "inside.obj");
     assert_eq!((sentences(&found).len(), &found["apart"]), (0, &Value::from(16)));
     place
-        .line("compute inside.obj -o I --no-config")
+        .line("compute inside.obj -o I --config=none")
         .is(0)
         .says(&["16 groups of surfaces each see only their own insides", "`--flip all`"]);
     place
-        .line("compute wrong.obj -o W --no-config")
+        .line("compute wrong.obj -o W --config=none")
         .is(0)
         .says(&["16 objects face inwards", "`--flip 'building *'`"]);
 }
@@ -257,7 +257,7 @@ fn compute_names_no_building_of_real_cities() {
         let scene = folder.join("city").join(city).with_extension("obj");
         let computed = |rest: &str| {
             let line = format!(
-                "compute {} -o m --overwrite --no-config --sample-rows 40 --correction pixel --resolution 64{rest}",
+                "compute {} -o m --overwrite --config=none --rows 40 --correction pixel --resolution 64{rest}",
                 scene.display()
             );
             place.line(&line).is(0).err
@@ -291,7 +291,7 @@ fn compute_names_a_wall_of_many_surfaces_by_its_own_rays() {
     quads.extend(sides([2.0, 1.0, 0.5], [3.0, 2.0, 1.0]).map(|(_, quad)| ("chair".to_owned(), quad)));
     write(&place, "room.obj", obj(&quads).as_bytes());
     let computed = place
-        .line("compute room.obj -o m --no-config --sample-rows 100 --correction pixel --resolution 64")
+        .line("compute room.obj -o m --config=none --rows 100 --correction pixel --resolution 64")
         .is(0)
         .err;
     let said: Vec<&str> = computed.lines().filter(|line| line.contains("the wrong way")).collect();
@@ -342,7 +342,7 @@ fn a_ground_that_faces_down_and_a_city_turned_over_are_named() {
     assert!(said[0].contains("`--flip ground`"), "{said:?}");
     assert!(sentences(&inspected(&place, "ground.obj --split 2 --flip ground")).is_empty());
     place
-        .line("compute ground.obj -o G --no-config")
+        .line("compute ground.obj -o G --config=none")
         .is(0)
         .says(&["`ground` faces down"]);
     // Whatever its objects are called, and as one object.
@@ -358,7 +358,7 @@ fn a_ground_that_faces_down_and_a_city_turned_over_are_named() {
         );
         assert!(sentences(&inspected(&place, &format!("{file} --split 2 --flip all"))).is_empty());
         place
-            .line(&format!("compute {file} -o A --overwrite --no-config"))
+            .line(&format!("compute {file} -o A --overwrite --config=none"))
             .is(0)
             .says(&["everything faces the wrong way", "`--flip all`"]);
     }
@@ -561,17 +561,17 @@ fn a_leak_is_named_and_bounded() {
     assert_eq!(leaks[0]["high"], serde_json::json!([3.0, 5.0, 1.35]));
     let area = leaks[0]["area"].as_f64().expect("a number");
     assert!((area - 0.75 * 0.3375).abs() < 1e-9, "{area}");
-    let said = place.line("inspect hole.obj --no-config").is(0).out;
+    let said = place.line("inspect hole.obj --config=none").is(0).out;
     assert!(
         said.contains("`north` at x 2.25–3, y 5, z 1.012–1.35: area 0.25"),
         "{said}"
     );
 
-    place.line("compute hole.obj -o H --no-config").is(0);
+    place.line("compute hole.obj -o H --config=none").is(0);
     let checked = place.line("check H").is(0).out;
     assert!(checked.contains("nearly closed"), "{checked}");
-    place.line("check H --escaped 0.5").is(0);
-    let checked = place.line("check H --escaped 1e-4").is(1).out;
+    place.line("check H --max-escaped 0.5").is(0);
+    let checked = place.line("check H --max-escaped 1e-4").is(1).out;
     assert!(checked.contains("FAILED escaped"), "{checked}");
     // A closed room has none.
     write(&place, "closed.obj", room(&[]).as_bytes());
@@ -669,12 +669,12 @@ fn marks_of_byte_order_are_taken_by_every_text_format() {
     ] {
         write(&place, name, text.as_bytes());
         let plain = place
-            .line(&format!("inspect {name} --json - --no-config --no-timings"))
+            .line(&format!("inspect {name} --json - --config=none --no-timings"))
             .is(0)
             .json();
         write(&place, name, format!("\u{FEFF}{text}").as_bytes());
         let marked = place
-            .line(&format!("inspect {name} --json - --no-config --no-timings"))
+            .line(&format!("inspect {name} --json - --config=none --no-timings"))
             .is(0)
             .json();
         assert_eq!(plain["scene"], marked["scene"], "{name}");
@@ -682,7 +682,7 @@ fn marks_of_byte_order_are_taken_by_every_text_format() {
             let wide: Vec<u8> = format!("\u{FEFF}{text}").encode_utf16().flat_map(to_bytes).collect();
             write(&place, name, &wide);
             place
-                .line(&format!("inspect {name} --no-config"))
+                .line(&format!("inspect {name} --config=none"))
                 .is(2)
                 .says(&[name, "is UTF-16 text; save it as UTF-8"]);
         }
@@ -710,24 +710,24 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
         b"[default]\nemissivity = 0.9\ntemperature = 293.15\n",
     );
     for scene in ["open", "closed"] {
-        place.line(&format!("compute {scene}.obj -o {scene} --no-config")).is(0);
+        place.line(&format!("compute {scene}.obj -o {scene} --config=none")).is(0);
     }
     let solve = |line: &str| place.line(&format!("solve {line} --thermal")).is(0).err;
     let questions = |text: &str| {
         [
             text.matches("degrees Celsius").count(),
-            text.matches("`--ambient 0`").count(),
+            text.matches("`--sky-temperature 0`").count(),
         ]
     };
     assert_eq!(questions(&solve("closed --materials kelvin.toml")), [0, 0]);
     assert_eq!(questions(&solve("closed --materials celsius.toml")), [1, 0]);
     assert_eq!(questions(&solve("open --materials kelvin.toml")), [0, 1]);
-    assert_eq!(questions(&solve("open --materials kelvin.toml --ambient 0")), [0, 0]);
-    assert_eq!(questions(&solve("open --materials kelvin.toml --ambient 290")), [0, 0]);
-    let both = solve("open --materials celsius.toml --ambient 15");
+    assert_eq!(questions(&solve("open --materials kelvin.toml --sky-temperature 0")), [0, 0]);
+    assert_eq!(questions(&solve("open --materials kelvin.toml --sky-temperature 290")), [0, 0]);
+    let both = solve("open --materials celsius.toml --sky-temperature 15");
     assert_eq!(questions(&both), [1, 0]);
     assert!(
-        both.contains("20 K of faces without a material") && both.contains("15 K of `--ambient`"),
+        both.contains("20 K of faces without a material") && both.contains("15 K of `--sky-temperature`"),
         "{both}"
     );
 }
@@ -748,14 +748,14 @@ fn libraries_tables_and_conditions_in_utf_16_are_named() {
         "s.obj",
         b"mtllib s.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\nf 4 6 5\n",
     );
-    place.line("compute s.obj -o S --no-config").is(0);
+    place.line("compute s.obj -o S --config=none").is(0);
     let said = place.line("solve S --scene s.obj").is(2).err;
     assert!(
         said.contains("s.mtl") && said.contains("is UTF-16 text; save it as UTF-8"),
         "{said}"
     );
     place
-        .line("compute s.obj -o M --no-config --specular scene")
+        .line("compute s.obj -o M --config=none --specular scene")
         .is(2)
         .says(&[
             "the mirrors and panes of `s.obj`",
@@ -768,7 +768,7 @@ fn libraries_tables_and_conditions_in_utf_16_are_named() {
         write(&place, "t.csv", &wide("*,300\n", mark));
         write(&place, "p.txt", b"0.2 0.2 0.5\n");
         place
-            .line("solve S --thermal --materials m.toml --ambient 300")
+            .line("solve S --thermal --materials m.toml --sky-temperature 300")
             .is(2)
             .says(&["m.toml", "is UTF-16 text; save it as UTF-8"]);
         place
@@ -815,7 +815,7 @@ fn cases_from_the_field() {
     }
     if let Some(folder) = case(test, "leak") {
         let said = place
-            .line(&format!("inspect {} --no-config", of(folder.join("hole.obj"))))
+            .line(&format!("inspect {} --config=none", of(folder.join("hole.obj"))))
             .is(0)
             .out;
         assert!(said.contains("`north` at x 2.25–3, y 5, z 1.012–1.35"), "{said}");
@@ -835,7 +835,7 @@ fn cases_from_the_field() {
     if let Some(folder) = case(test, "bom") {
         for name in ["bom.ply", "bom.stl", "bom.vs3"] {
             place
-                .line(&format!("inspect {} --no-config", of(folder.join(name))))
+                .line(&format!("inspect {} --config=none", of(folder.join(name))))
                 .is(0);
         }
     }

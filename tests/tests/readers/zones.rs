@@ -206,7 +206,7 @@ fn zones_as_matrices() {
         folder,
         &["generate", "room", "--patches", "300", "-o", "room.obj", "-q"],
     );
-    run(folder, &["compute", "room.obj", "-o", "F", "-q", "--no-config"]);
+    run(folder, &["compute", "room.obj", "-o", "F", "-q", "--config=none"]);
     for file in ["F.csv", "F.mtx", "F.npz", "F.npy", "F.txt"] {
         run(folder, &["export", "F", file, "--by", "face"]);
     }

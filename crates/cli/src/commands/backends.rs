@@ -4,7 +4,7 @@ mod check;
 
 use crate::args::Report as ReportArguments;
 use crate::exit::Exit;
-use crate::help::{AFTER_LONG_HELP, examples};
+use crate::help::examples;
 use crate::outputs::Paths;
 use crate::prepare::{BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA};
@@ -25,13 +25,11 @@ const EXAMPLES_OF_CHECK: &str = "  \
 #[derive(Debug, Subcommand)]
 pub(crate) enum Backends {
     /// List the backends, their devices and what they can do, and why others cannot be used
-    #[command(after_long_help = AFTER_LONG_HELP)]
     List(ListArguments),
     /// Hold a backend against the contract, each case in a process of its own; exit 1 when one is not kept
     #[command(after_long_help = examples(EXAMPLES_OF_CHECK, false))]
     Check(check::Arguments),
     /// Print the header for backends in C: `hemicube backends header > hemicube_backend.h`
-    #[command(after_long_help = AFTER_LONG_HELP)]
     Header,
 }
 
@@ -49,7 +47,7 @@ impl Backends {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         match self {
-            Self::List(arguments) => Paths::default().reports(&arguments.report),
+            Self::List(_) => Paths::default(),
             Self::Check(arguments) => arguments.paths(),
             Self::Header => Paths::default(),
         }
@@ -145,7 +143,7 @@ pub(crate) fn run(command: &Backends) -> Result<Exit> {
 }
 
 fn list(arguments: &ListArguments) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let registry = registry(arguments.backend_dir.as_deref());
     let (mut backends, mut unusable) = (vec![Entry::built_in()], Vec::new());
     for Listed { name, path, state, .. } in registry.list() {

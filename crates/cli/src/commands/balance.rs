@@ -2,34 +2,29 @@
 
 use crate::args::{Report as ReportArguments, Talk, number, share};
 use crate::exit::{Exit, hinted, watch_interrupts};
+use crate::help::examples;
 use crate::outputs::Paths;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, size};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, MAX_SCALE_MAX, TOLERANCE_MIN, balance};
 use hemicube::store::{Error, Store};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// End of `--help`: an interrupt leaves nothing useful of a balanced matrix.
-const AFTER_LONG_HELP: &str = "\
-Examples:
-  hemicube balance room.hemicube -o closed.hemicube --closure
-  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity
-Environment:
-  HEMICUBE_NO_PROGRESS  1: no progress bar
-  HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
-Exit status:
-  0    done
-  1    the rows did not settle within `--max-sweeps`; the matrix is written all the same
-  2    wrong usage, unreadable input, or something that could not be written
-  130  interrupted; OUT is not there or says that it is incomplete, and `--overwrite` starts again";
+/// What closing does unless options say otherwise: largest scale, closure error, sweeps.
+const MAX_SCALE: f64 = 1.1;
+const CLOSURE_ERROR: f64 = 1e-6;
+const SWEEPS: u32 = 1000;
+
+const EXAMPLES: &str = "  \
+  hemicube balance room.hemicube -o closed.hemicube
+  hemicube balance city.hemicube -o small.hemicube --min-factor 1e-5 --reciprocity";
 
 /// Write a balanced copy of a matrix: reciprocal, closed, or without small entries
 #[derive(Args, Debug)]
-#[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = AFTER_LONG_HELP)]
-#[command(group = clap::ArgGroup::new("work").required(true).multiple(true))]
+#[command(override_usage = "hemicube balance [OPTIONS] DIR -o OUT", after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
@@ -37,24 +32,25 @@ pub(crate) struct Arguments {
     /// The directory to write the balanced matrix to
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: PathBuf,
-    /// Scale rows and columns alike until each row and what it lost sum to 1; keeps reciprocity
-    #[arg(long, group = "work")]
+    /// Scale rows and columns until each row closes (sum of F + escaped + blocked = 1) and A_i F_ij = A_j F_ji [default
+    /// without `--reciprocity` and `--min-factor`]
+    #[arg(long)]
     pub(crate) closure: bool,
-    /// Make A_i F_ij and A_j F_ji equal; `--closure` does so, too
-    #[arg(long, group = "work")]
+    /// Only make A_i F_ij and A_j F_ji equal
+    #[arg(long)]
     pub(crate) reciprocity: bool,
-    /// Leave out form factors below X, and give what a row loses to its others
-    #[arg(long, value_name = "X", value_parser = share, allow_negative_numbers = true, group = "work")]
+    /// Leave out form factors below F and rescale the row
+    #[arg(long, value_name = "F", value_parser = share, allow_negative_numbers = true)]
     pub(crate) min_factor: Option<f64>,
-    /// By how much a row may be scaled; rows that want more stay there, and are counted
-    #[arg(long, value_name = "S", default_value = "1.1", requires = "closure", value_parser = max_scale, allow_negative_numbers = true)]
-    pub(crate) max_scale: f64,
-    /// How near its sum each row is to come
-    #[arg(long, value_name = "T", default_value = "1e-6", requires = "closure", value_parser = residual, allow_negative_numbers = true)]
-    pub(crate) tolerance: f64,
-    /// Sweeps of the scaling before it gives up; exit 1
-    #[arg(long, value_name = "N", default_value = "1000", requires = "closure", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) max_sweeps: u32,
+    /// By how much a row may be scaled at most; rows that need more are counted [default: 1.1]
+    #[arg(long, value_name = "S", value_parser = max_scale, allow_negative_numbers = true, hide_short_help = true)]
+    pub(crate) max_scale: Option<f64>,
+    /// The closure error of a row at which the scaling ends [default: 1e-6]
+    #[arg(long, value_name = "X", value_parser = residual, allow_negative_numbers = true)]
+    pub(crate) max_closure: Option<f64>,
+    /// Sweeps of the scaling before it gives up, with exit 1 [default: 1000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), hide_short_help = true)]
+    pub(crate) max_iterations: Option<u32>,
     /// Replace a matrix that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
@@ -67,7 +63,23 @@ impl Arguments {
         Paths::default()
             .store([&self.store])
             .makes([&self.output])
-            .reports(&self.report)
+    }
+}
+
+impl Arguments {
+    /// True if rows are closed: where it is asked for, and where nothing else is.
+    fn closes(&self) -> bool {
+        self.closure || !self.reciprocity && self.min_factor.is_none()
+    }
+
+    /// An option that only closing has.
+    fn of_closing(&self) -> Option<&'static str> {
+        let given = [
+            (self.max_scale.is_some(), "max-scale"),
+            (self.max_closure.is_some(), "max-closure"),
+            (self.max_iterations.is_some(), "max-iterations"),
+        ];
+        given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
     }
 }
 
@@ -99,16 +111,20 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
+    let closure = arguments.closes();
+    if let (false, Some(name)) = (closure, arguments.of_closing()) {
+        bail!("`--{name}` is of closing, and rows are not closed: add `--closure`");
+    }
     let options = BalanceOptions {
-        closure: arguments.closure,
+        closure,
         reciprocity: arguments.reciprocity,
         min_factor: arguments.min_factor.unwrap_or(0.0),
-        max_scale: arguments.max_scale,
-        tolerance: arguments.tolerance,
-        max_sweeps: arguments.max_sweeps,
+        max_scale: arguments.max_scale.unwrap_or(MAX_SCALE),
+        tolerance: arguments.max_closure.unwrap_or(CLOSURE_ERROR),
+        max_sweeps: arguments.max_iterations.unwrap_or(SWEEPS),
         overwrite: arguments.overwrite,
     };
     // Nothing of a balanced matrix is worth keeping but all of it: an interrupt ends the program at once.
@@ -124,7 +140,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             report: &found,
         })?;
     }
-    if !arguments.report.is_to_stdout() {
+    if !arguments.report.json {
         report::print(&text(&found))?;
     }
     for warning in warnings(&found.balance) {
@@ -259,8 +275,8 @@ fn warnings(entry: &BalanceEntry) -> Vec<String> {
     let mut warnings = Vec::new();
     if !entry.converged {
         warnings.push(format!(
-            "the rows did not settle within {} to {}; allow more with `--max-sweeps`, or ask for less with \
-             `--tolerance`",
+            "the rows did not settle within {} to {}; allow more by `--max-iterations`, or \
+             ask for less by `--max-closure`",
             counted(entry.sweeps.into(), "sweep"),
             figures(entry.tolerance)
         ));
@@ -276,16 +292,15 @@ fn warnings(entry: &BalanceEntry) -> Vec<String> {
     );
     rows(
         entry.rows_without_target,
-        "cannot be closed: entries, though the hemicubes saw no patch; other patches see theirs",
+        "cannot be closed: their hemicubes saw no patch, and yet they have entries, of patches that see them",
     );
     rows(
         entry.rows_at_bound,
-        "cannot be scaled to the sum within `--max-scale`: one hemicube lost what most of the patch sees, or too few \
-         entries; the closure error of the worst is above",
+        "need more than `--max-scale` to close; the closure error of the worst is above",
     );
     rows(
         entry.rows_kept_whole,
-        "kept entries below `--min-factor`: nearly all that they have is below it",
+        "kept entries below `--min-factor`: nearly all of theirs are",
     );
     warnings
 }

@@ -23,38 +23,38 @@ const NEARLY_CLOSED: f64 = 0.05;
 
 const EXAMPLES: &str = "  \
   hemicube check room.hemicube
-  hemicube check room.hemicube --reciprocity 0.05
+  hemicube check room.hemicube --max-reciprocity 0.05
   hemicube check room.hemicube --strict";
 
 /// Check a matrix: integrity, conservation, quality; exit 1 when a law or a bound is broken, or parts are missing
 ///
-/// Integrity: checksums, structure, all parts. Conservation: weights, the sky's sums, reciprocity with a bound.
-/// Quality: doubtful where a row sums to 1 only beyond the run's tolerance (2 % for sums of pixels), A_i F_ij is A_j F_ji
-/// only beyond twice that, more than 1 % of the view is blocked, or backs take more than half of a row's view. A doubt
-/// alone is exit 0, and 1 with `--strict`.
+/// integrity: checksums, structure, all parts. conservation: each hemicube's weights add up; limits given here hold.
+/// quality: DOUBTFUL where the closure error of a row, |sum of F + escaped + blocked - 1|, is above the run's tolerance
+/// (2 % for sums of pixels), A_i F_ij and A_j F_ji differ by more than twice that, more than 1 % of the view is blocked
+/// by backs of surfaces, or a row sees mostly backs. A doubt alone is exit 0, and 1 with `--strict`.
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// Bound on how far from 1 a row may sum [default: for sums of pixels 1e-6 and the form's rounding; else a
-    /// doubt beyond the run's tolerance]
+    /// Fail where the closure error of a row is above X [default: doubt above the run's tolerance; for sums of pixels
+    /// fail above 1e-6]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
-    pub(crate) closure: Option<f64>,
-    /// Bound on the part of a row that escapes, for closed scenes: 0.001 [default: none, it is reported only]
+    pub(crate) max_closure: Option<f64>,
+    /// Fail where more than X of a row escapes: 0.001 for closed scenes [default: no limit]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
-    pub(crate) escaped: Option<f64>,
-    /// Bound on the relative difference of A_i F_ij and A_j F_ji [default: a doubt beyond twice the run's tolerance]
+    pub(crate) max_escaped: Option<f64>,
+    /// Fail where A_i F_ij and A_j F_ji differ by more than X [default: doubt above twice the run's tolerance]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
-    pub(crate) reciprocity: Option<f64>,
+    pub(crate) max_reciprocity: Option<f64>,
     /// Exit 1 where the quality is doubtful, too
     #[arg(long)]
     pub(crate) strict: bool,
     /// Accept a matrix of which parts are missing, such as that of an interrupted run
     #[arg(long)]
     pub(crate) allow_incomplete: bool,
-    /// How many of the rows that sum worst are listed
+    /// How many of the rows with the largest closure error are listed
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub(crate) worst: u16,
     #[command(flatten)]
@@ -63,7 +63,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        Paths::default().store([&self.store]).reports(&self.report)
+        Paths::default().store([&self.store])
     }
 }
 
@@ -86,13 +86,13 @@ struct Report<'a> {
     reason = "the options are open to new fields, so no literal makes them"
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let mut options = CheckOptions::default();
-    options.closure = arguments.closure;
-    options.escaped = arguments.escaped;
-    options.reciprocity = arguments.reciprocity;
+    options.closure = arguments.max_closure;
+    options.escaped = arguments.max_escaped;
+    options.reciprocity = arguments.max_reciprocity;
     options.worst_rows = arguments.worst.into();
     options.allow_incomplete = arguments.allow_incomplete;
     let bar = Bar::spinner(talk, "checking");
@@ -108,8 +108,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             balance: store.manifest().balance.as_ref(),
         })?;
     }
-    if !arguments.report.is_to_stdout() {
-        report::print(&text(&found, &store))?;
+    if !arguments.report.json {
+        report::print_verdicts(&text(&found, &store))?;
     }
     let holds = found.ok && (found.verdicts.are_ok() || !arguments.strict);
     Ok(if holds { Exit::Done } else { Exit::NotHeld })
@@ -276,10 +276,11 @@ fn reasons(found: &CheckReport, subject: Subject, verdict: &Verdict) -> String {
         return match subject {
             Subject::Integrity if !found.complete => "what is there is as it was written; parts are missing".to_owned(),
             Subject::Integrity => "the files are as they were written".to_owned(),
-            Subject::Conservation => "what leaves a patch adds up".to_owned(),
+            Subject::Conservation => "the weights of every hemicube add up exactly".to_owned(),
             Subject::Quality if found.closure.rows == 0 => "no row to judge by".to_owned(),
             Subject::Quality => format!(
-                "every row sums to 1 within {}, and backs take {} of the view",
+                "rows close within {} (limit {}), and {} of the view is blocked by backs",
+                figures(found.closure.max),
                 figures(found.quality.closure_limit),
                 percent(found.blocked)
             ),
@@ -291,8 +292,8 @@ fn reasons(found: &CheckReport, subject: Subject, verdict: &Verdict) -> String {
     });
     let doubts = verdict.doubts.iter().map(|doubt| match doubt {
         Doubt::Closure => format!(
-            "{} to 1 only beyond {}, the worst by {}",
-            number_of_rows(found.quality.closure_rows, "sums", "sum"),
+            "{} a closure error above {}, {} at most",
+            number_of_rows(found.quality.closure_rows, "has", "have"),
             figures(found.quality.closure_limit),
             figures(found.closure.max)
         ),
@@ -302,18 +303,50 @@ fn reasons(found: &CheckReport, subject: Subject, verdict: &Verdict) -> String {
             figures(found.quality.reciprocity_limit)
         ),
         Doubt::Blocked => format!(
-            "{} of the view ends on backs of one-sided surfaces",
+            "{} of the view is blocked by backs of surfaces, more than 1 %",
             percent(found.blocked)
         ),
         Doubt::Warned => format!(
-            "{} backs in more than half of the view",
+            "{} mostly backs of surfaces",
             number_of_rows(found.quality.warned_rows, "sees", "see")
         ),
     });
     failed.chain(doubts).collect::<Vec<_>>().join("; ")
 }
 
-/// `1 row sums`, `4,103 rows sum`.
+/// What to do about a verdict that is not ok.
+fn next_steps(found: &CheckReport, store: &Store, verdict: &Verdict) -> Vec<String> {
+    let matrix = crate::shell::word(store.directory());
+    let scene = crate::shell::word(store.manifest().scene.file.as_ref());
+    let again = "compute it again with a smaller `--tolerance`";
+    let balance = format!("`hemicube balance {matrix} -o OUT` writes a copy that closes and is reciprocal");
+    let inspect = format!("`hemicube inspect {scene}` says where");
+    let closer = || match found.tolerance {
+        Some(_) => format!("{again}, or {balance}"),
+        None => format!("compute it without `--correction pixel`, or {balance}"),
+    };
+    let failed = verdict.failed.iter().map(|check| match check {
+        Check::Complete => {
+            "the command that began it goes on; `--allow-incomplete` accepts the parts that are there".to_owned()
+        }
+        Check::Closure | Check::Reciprocity => closer(),
+        Check::Escaped | Check::Winding | Check::Entries => inspect.clone(),
+        Check::Sky => format!("`hemicube sky {scene} --matrix {matrix}` computes the sky rows anew"),
+        _ => "it is damaged: compute it again with `--overwrite`".to_owned(),
+    });
+    let doubts = verdict.doubts.iter().map(|doubt| match doubt {
+        Doubt::Closure | Doubt::Reciprocity => closer(),
+        Doubt::Blocked | Doubt::Warned => format!(
+            "{inspect} patches lie inside solids or are wound the wrong way (`--exclude`, `--flip`); form factors \
+             between the others hold"
+        ),
+    });
+    let mut steps: Vec<String> = failed.chain(doubts).collect();
+    steps.dedup();
+    steps
+}
+
+/// `1 row has`, `4,103 rows have`.
 fn number_of_rows(rows: u64, one: &str, many: &str) -> String {
     format!("{} {}", counted(rows, "row"), if rows == 1 { one } else { many })
 }
@@ -435,7 +468,7 @@ fn escaped(found: &CheckReport) -> Option<Group> {
     let is_told = found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED);
     let bound = bound_text(
         found.escaped_bound,
-        "the scene is nearly closed; no bound (`--escaped X` sets one, `inspect` says where it leaks)",
+        "the scene is nearly closed; `inspect` says where it leaks, `--max-escaped X` sets a limit",
     );
     let what = format!(
         "at most {} of a row leaves the scene; {bound}",
@@ -474,7 +507,7 @@ fn sky(found: &CheckReport) -> Option<Group> {
             )
         };
         format!(
-            "{} add up to what escaped, weight for weight; {} of {} lost there what they lost in the matrix{others}",
+            "the {} agree with the escaped energy of {} of {}{others}",
             counted(sky.columns.into(), "column"),
             report::count(sky.rows_as_in_matrix),
             counted(sky.rows, "row"),
@@ -491,7 +524,9 @@ pub(super) fn name(check: Check) -> String {
 }
 
 fn text(found: &CheckReport, store: &Store) -> String {
-    let mut text = facts(found, store, true).text();
+    let mut text = verdicts_text(found, store);
+    text.push('\n');
+    text.push_str(&facts(found, store, true).text());
     text.push('\n');
     let mut checks = Listing::default();
     for Group { name, state, what } in groups(found) {
@@ -499,7 +534,7 @@ fn text(found: &CheckReport, store: &Store) -> String {
     }
     text.push_str(&checks.text());
     if !found.worst_rows.is_empty() && found.closure.max > 0.0 {
-        text.push_str("\nThe rows that sum worst:\n");
+        text.push_str("\nRows with the largest closure error:\n");
         text.push_str(&report::table(
             ["patch", "closure error", "sum of F", "escaped", "blocked"],
             found.worst_rows.iter().map(|row| {
@@ -513,30 +548,35 @@ fn text(found: &CheckReport, store: &Store) -> String {
             }),
         ));
     }
-    text.push('\n');
-    for failure in &found.failures {
-        text.push_str(&if failure.check == Check::Complete {
-            format!(
-                "UNFINISHED: {}; the command that began it goes on, `--allow-incomplete` accepts what is there\n",
-                failure.first
-            )
-        } else {
-            format!(
-                "FAILED {}: {}, the first: {}\n",
-                name(failure.check),
-                counted(failure.count, "case"),
-                failure.first
-            )
-        });
+    text
+}
+
+/// The verdicts, what failed, and the next steps.
+fn verdicts_text(found: &CheckReport, store: &Store) -> String {
+    let mut list = Listing::default();
+    let verdicts: Vec<&Verdict> = found.verdicts.each().into_iter().map(|(_, verdict)| verdict).collect();
+    for (Sentence { subject, state, what }, verdict) in sentences(found).into_iter().zip(verdicts) {
+        list.add(subject, format!("{:10}  {what}", word(state)));
+        for failure in found.failures.iter().filter(|failure| verdict.failed.contains(&failure.check)) {
+            let first = if failure.check == Check::Complete {
+                failure.first.clone()
+            } else {
+                format!(
+                    "{}: {}, the first: {}",
+                    name(failure.check),
+                    counted(failure.count, "case"),
+                    failure.first
+                )
+            };
+            list.add("", format!("{:10}  {first}", ""));
+        }
+        if state != State::Ok {
+            for step in next_steps(found, store, verdict) {
+                list.add("", format!("{:10}  next: {step}", ""));
+            }
+        }
     }
-    if !found.failures.is_empty() {
-        text.push('\n');
-    }
-    let mut verdicts = Listing::default();
-    for Sentence { subject, state, what } in sentences(found) {
-        verdicts.add(subject, format!("{:10}  {what}", word(state)));
-    }
-    text.push_str(&verdicts.text());
+    let mut text = list.text();
     text.push_str(match (found.ok, found.verdicts.quality.state) {
         (true, State::Ok) if found.complete => "Everything holds.\n",
         (true, State::Ok) => "What is there holds.\n",

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "  \
   hemicube compare fast.hemicube fine.hemicube --max-error 0.02
-  hemicube compare fast.hemicube fine.hemicube --plot errors.svg";
+  hemicube compare fast.hemicube fine.hemicube -o errors.svg";
 
 /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
 #[derive(Args, Debug)]
@@ -40,10 +40,10 @@ pub(crate) struct Arguments {
     pub(crate) rows: Option<RowRange>,
     /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance:
     /// .svg or .png
-    #[arg(long, value_name = "FILE")]
-    pub(crate) plot: Option<PathBuf>,
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
     /// Replace a file that is there
-    #[arg(long, requires = "plot")]
+    #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
@@ -57,8 +57,7 @@ impl Arguments {
         Paths::default()
             .store(stores)
             .reads(files)
-            .writes("--plot", &self.plot, self.overwrite)
-            .reports(&self.report)
+            .writes("-o", &self.output, self.overwrite)
     }
 }
 
@@ -79,11 +78,11 @@ struct Report<'a> {
     reason = "the options are open to new fields, so no literal makes them"
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let plot = match &arguments.plot {
+    let plot = match &arguments.output {
         Some(file) => Some((Format::of(file)?, PendingFile::create(file)?)),
         None => None,
     };
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     report::require(&arguments.matrix)?;
     report::require(&arguments.reference)?;
     let (matrix, reference) = (Matrix::open(&arguments.matrix)?, Matrix::open(&arguments.reference)?);
@@ -118,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             ok,
         })?;
     }
-    if !arguments.report.is_to_stdout() {
+    if !arguments.report.json {
         report::print(&text(&found, arguments.max_error, ok))?;
     }
     Ok(if ok { Exit::Done } else { Exit::NotHeld })

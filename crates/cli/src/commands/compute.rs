@@ -4,7 +4,7 @@ mod arguments;
 
 pub(crate) use arguments::Arguments;
 
-use crate::args::{AutoSwitch, RowRange, SampleSize, SelectionSettings, Switch, Talk};
+use crate::args::{AutoSwitch, RowRange, RowsAsked, SampleSize, SelectionSettings, Switch, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
@@ -307,7 +307,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         }];
         return run_bands(&arguments, scene, &outputs, cancel, talk);
     }
-    if arguments.report.json.is_some() {
+    if arguments.report.json {
         bail!(
             "`--json` reports on one matrix, and mirrors and panes of {} bands give as many; leave it out, and ask \
              `hemicube check DIR --json` of each",
@@ -351,7 +351,7 @@ fn run_bands(
             });
             shard
         });
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let backend = arguments.render.open_backend(talk)?;
     outputs.iter().try_for_each(|output| check_place(&output.directory))?;
     let status = Status::open(arguments.process.progress_file.as_deref())?;
@@ -447,8 +447,9 @@ impl Observer for Watch<'_> {
 
     fn note(&self, note: Note<'_>) {
         match note {
-            Note::Level(reason) | Note::Storage(reason) => self.talk.say(reason),
-            Note::Culling(probe) => self.talk.say(&format!(
+            Note::Level(reason) => self.talk.detail(reason),
+            Note::Storage(reason) => self.talk.say(reason),
+            Note::Culling(probe) => self.talk.detail(&format!(
                 "culling {}: it leaves {} of the triangles in {}",
                 on_or_off(probe.culling()),
                 percent(probe.left),
@@ -489,7 +490,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let watch = Watch::new(status, cancel, talk);
     let stage = status.stage("load");
     let work = match arguments.render.work() {
-        Work::Fractions if arguments.kind != arguments::Kind::Triangle => Work::Grouped,
+        Work::Fractions if arguments.by != arguments::Kind::Triangle => Work::Grouped,
         work => work,
     };
     let mut prepared = prepare(scene, &arguments.patches, &arguments.render, work)?;
@@ -617,11 +618,11 @@ impl Ending<'_> {
         };
         let timings = (!arguments.report.no_timings).then(|| timings(self.watch, prepared, finished));
         let mut report = report_of(begun, prepared, tally, finished, timings);
-        talk.say(summarise(&report, &finished.summary, &finished.directory).trim_end());
-        for question in questions {
-            talk.warn(&question);
+        if !finished.resumed.is_complete {
+            let took = finished.summary.elapsed.as_secs_f64();
+            talk.say(&format!("{} in {}", counted(finished.summary.rows, "row"), duration(took)));
         }
-        warn_of_error(&report, arguments, talk);
+        talk.detail(details(&report, &finished.summary).trim_end());
         let exit = match arguments.verify {
             _ if finished.summary.cancelled => Exit::Interrupted,
             None => Exit::Done,
@@ -638,6 +639,17 @@ impl Ending<'_> {
                 verify_rows(&verify, prepared, finished, &mut report, talk)?
             }
         };
+        if !arguments.report.json {
+            report::print_verdicts(&summary(&report, finished))?;
+        }
+        if !finished.resumed.is_complete {
+            warn_of_backs(&report, arguments, talk);
+            for question in questions {
+                talk.warn(&question);
+            }
+            warn_of_error(&report, arguments, talk);
+            talk.say(next_step(&report, &finished.summary, &finished.directory).trim_end());
+        }
         Ok((report, exit))
     }
 }
@@ -653,7 +665,7 @@ fn verify_rows(
     let started = Instant::now();
     let store = Store::open(&finished.directory)?;
     let verification = verify.run(&prepared.model, &finished.plan, &store, talk)?;
-    talk.say(verification.text().trim_end());
+    talk.detail(verification.text().trim_end());
     let exit = verification.exit();
     report.verification = Some(verification);
     if let Some(timings) = &mut report.timings {
@@ -668,13 +680,13 @@ fn job(arguments: &Arguments, prepared: &Prepared, portals: Portals) -> Result<J
     Ok(Job {
         accuracy: arguments.render.accuracy(),
         rotate: arguments.render.rotation == Switch::On,
-        rows: row_choice(selection, arguments.kind.into(), prepared)?,
+        rows: row_choice(selection, arguments.by.into(), prepared)?,
         emitters: selection.emitters.clone(),
         receivers: selection.receivers.clone(),
         occluders: selection.occluders.clone(),
-        form: arguments.store.form(),
+        form: arguments.form.form(),
         min_factor: arguments.min_factor,
-        patches: arguments.kind.into(),
+        patches: arguments.by.into(),
         culling: match arguments.culling {
             AutoSwitch::Auto => None,
             AutoSwitch::On => Some(Culling::On),
@@ -702,12 +714,12 @@ fn tell_portals(portals: &Portals, talk: Talk) {
 fn tell_composed(run: &Run<'_>, talk: Talk) {
     let backend = &run.backend().info().name;
     if run.plan.draws_passes(run.backend().info()) {
-        talk.say(&format!(
+        talk.detail(&format!(
             "`{backend}` renders what is seen directly, and through mirrors and panes where passes are large; the rest \
              is followed on the processor"
         ));
     } else if run.plan.portals.specular.is_some() && backend != "cpu" {
-        talk.say(&format!(
+        talk.detail(&format!(
             "`{backend}` renders what is seen directly; what is seen through mirrors and panes is followed on the \
              processor"
         ));
@@ -719,14 +731,9 @@ fn row_choice(settings: &SelectionSettings, kind: PatchKind, prepared: &Prepared
     let grouping = Grouping::new(&prepared.scene, &prepared.patches, kind);
     let patch_count = grouping.as_ref().map_or(prepared.patches.len(), Grouping::len);
     let patch_count = u32::try_from(patch_count).unwrap_or(u32::MAX);
-    let SelectionSettings {
-        rows,
-        sample_rows,
-        seed,
-        ..
-    } = settings;
-    Ok(match (*rows, *sample_rows) {
-        (Some(RowRange { start, end }), _) => {
+    let SelectionSettings { rows, seed, .. } = settings;
+    Ok(match *rows {
+        Some(RowsAsked::Range(RowRange { start, end })) => {
             let end = end.unwrap_or(patch_count);
             if start >= end || end > patch_count {
                 bail!(
@@ -736,7 +743,7 @@ fn row_choice(settings: &SelectionSettings, kind: PatchKind, prepared: &Prepared
             }
             RowChoice::Range { start, end }
         }
-        (None, Some(size)) => {
+        Some(RowsAsked::Sample(size)) => {
             let selection = crate::selection::selection(&prepared.scene, &prepared.patches, settings)?;
             let emitting = selection.emitters.map_or(u64::from(patch_count), |emitters| {
                 let emitting = (0..).zip(&emitters).filter(|&(_, &emits)| emits);
@@ -758,7 +765,7 @@ fn row_choice(settings: &SelectionSettings, kind: PatchKind, prepared: &Prepared
                 seed: *seed,
             }
         }
-        (None, None) => RowChoice::All,
+        None => RowChoice::All,
     })
 }
 
@@ -768,7 +775,7 @@ fn explain(error: JobError) -> anyhow::Error {
         JobError::NoMatch(error) => crate::selection::no_match(error),
         JobError::Partly(error) => hinted(
             anyhow!("`--{}`: {error}", error.list),
-            "name all of it, or compute by `--patches face` or `--patches triangle`",
+            "name all of it, or compute by `--by face` or `--by triangle`",
         ),
         JobError::Level(error) => level::explain(error),
         JobError::NoRows => {
@@ -826,7 +833,7 @@ fn explain_store(error: StoreError) -> anyhow::Error {
 /// Tells the backend, its device and its choices for the scene.
 fn tell_backend(run: &Run<'_>, prepared: &Prepared, talk: Talk) {
     let device = run.backend().info();
-    talk.say(&format!(
+    talk.detail(&format!(
         "backend {} {} ({}), {}, {}",
         device.name,
         device.version,
@@ -843,7 +850,7 @@ fn tell_backend(run: &Run<'_>, prepared: &Prepared, talk: Talk) {
         },
     ));
     for choice in run.backend().choices() {
-        talk.say(&choice);
+        talk.detail(&choice);
     }
 }
 
@@ -990,7 +997,7 @@ fn warn_of_disk(store: &StoreRun<'_>, entries_per_row: f64, talk: Talk) {
     };
     let at_most = if plan.min_factor > 0.0 { "up to " } else { "" };
     let compact = if plan.form == Form::Plain {
-        "`--store compact` takes a third to a quarter of that, "
+        "`--form compact` takes a third to a quarter of that, "
     } else {
         ""
     };
@@ -1014,11 +1021,7 @@ fn tell_resumed(OpenStore { writer, resumed, .. }: &OpenStore, talk: Talk) {
     for file in &resumed.not_kept {
         talk.warn(&format!("part {} is computed again: {}", file.part, file.reason));
     }
-    if resumed.is_complete {
-        talk.say(&format!(
-            "`{shown}` is complete and as it was written: there is nothing to compute"
-        ));
-    } else if resumed.parts > 0 {
+    if !resumed.is_complete && resumed.parts > 0 {
         talk.say(&format!(
             "going on with `{shown}`: {} with {} are there",
             counted(resumed.parts.into(), "part"),
@@ -1153,40 +1156,110 @@ fn bytes_of(directory: &Path, manifest: &Manifest) -> u64 {
         .sum()
 }
 
-/// The figures of a run, for a person.
-fn summarise(report: &Report, summary: &Summary, directory: &Path) -> String {
+/// What was made, how wrong it is, and where the energy goes.
+fn summary(report: &Report, finished: &Finished) -> String {
     let mut list = Listing::default();
-    list_rows(report, &mut list);
-    list_shares(report, &mut list);
-    list_work(report, summary, &mut list);
+    let shown = finished.directory.display();
+    let patches = report.scene.patches;
+    let rows = if report.rows == patches {
+        format!("{} × {}", count(patches), count(patches))
+    } else if report.rows == report.row_count {
+        format!("{} of {} rows", count(report.rows), count(patches))
+    } else {
+        format!("{} of {} rows so far", count(report.rows), count(report.row_count))
+    };
     let form = match report.form {
-        Form::Plain => String::new(),
-        Form::Compact => format!(
-            ", compact: form factors within {} of themselves",
-            percent(report.value_error)
-        ),
-        Form::Double => ", double: form factors in f64".to_owned(),
+        Form::Plain => "",
+        Form::Compact => ", compact",
+        Form::Double => ", double",
+    };
+    let full = report.entries as f64 / (report.rows.max(1) as f64 * patches.max(1) as f64);
+    // No time: equal runs print equally.
+    let took = if finished.resumed.is_complete {
+        "; it was complete, and nothing was computed"
+    } else {
+        ""
     };
     list.add(
         "matrix",
-        format!("`{}`, {}{form}", directory.display(), size(report.bytes)),
+        format!(
+            "{shown}: {rows}, {} ({} full), {}{form}{took}",
+            counted(report.entries, "entry"),
+            percent(full),
+            size(report.bytes)
+        ),
     );
-    let mut text = list.text();
-    if report.rows_mostly_blocked > 0 {
-        let (one, rows) = (report.rows_mostly_blocked == 1, count(report.rows_mostly_blocked));
-        text.push_str(&match (report.is_two_sided, one) {
-            (true, true) => "warning: 1 row is blocked in more than half of the view: another surface lies on its patch\n".into(),
-            (true, false) => {
-                format!("warning: {rows} rows are blocked in more than half of the view: other surfaces lie on their patches\n")
-            }
-            (false, _) => format!(
-                "warning: {} the back of one-sided surfaces in more than half of the view: wrong winding, or patches \
-                 inside solids? `--two-sided on` makes every side a patch\n",
-                if one { "1 row sees".to_owned() } else { format!("{rows} rows see") }
-            ),
-        });
+    if finished.resumed.is_complete {
+        if let Some(verification) = &report.verification {
+            list.add("measured", verification.line());
+        }
+        return list.text();
     }
-    text + &next_step(report, summary, directory)
+    if let Some(expected) = report.expected_error {
+        let asked = match report.tolerance {
+            Some(asked) if expected > asked => format!(" (asked: {}): NOT REACHED", level::percentage(asked)),
+            Some(asked) => format!(" (asked: {})", level::percentage(asked)),
+            None => String::new(),
+        };
+        let measure = if report.verification.is_none() { "; `--verify 32` measures it" } else { "" };
+        list.add("error", format!("{} expected{asked}{measure}", small_percent(expected)));
+    } else if report.verification.is_none() {
+        list.add("error", "not estimated for sums of pixels; `--verify 32` measures it");
+    }
+    if let Some(verification) = &report.verification {
+        list.add("measured", verification.line());
+    }
+    let mut energy = vec![format!("{} escapes", percent(report.escaped))];
+    energy.push(format!("{} blocked by backs of surfaces", percent(report.blocked)));
+    if report.unselected > 0.0 {
+        energy.push(format!("{} to patches without a column", percent(report.unselected)));
+    }
+    if let Some([mean, _]) = report.cut_off {
+        energy.push(format!("{} cut off behind mirrors and panes", percent(mean)));
+    }
+    list.add(
+        "energy",
+        format!("{}; rows close within {}", energy.join(", "), small_percent(report.closure)),
+    );
+    if let Some(thinning) = report.thinning {
+        list.add(
+            "left out",
+            format!(
+                "form factors below {}: {} of the energy, given to the others of their row",
+                figures(thinning.min_factor),
+                percent(thinning.mass_dropped)
+            ),
+        );
+    }
+    list.text()
+}
+
+/// The engine's work, for `-v`.
+fn details(report: &Report, summary: &Summary) -> String {
+    let mut list = Listing::default();
+    list_rows(report, &mut list);
+    list_work(report, summary, &mut list);
+    list.text()
+}
+
+/// Warns of rows that see mostly backs, or other surfaces on their patch.
+fn warn_of_backs(report: &Report, arguments: &Arguments, talk: Talk) {
+    let rows = report.rows_mostly_blocked;
+    if rows == 0 {
+        return;
+    }
+    let scene = arguments.scene.as_deref().map_or_else(|| "SCENE".into(), |scene| word(scene).to_string());
+    talk.warn(&if report.is_two_sided {
+        format!(
+            "{} covered by other surfaces in more than half of the view; `hemicube inspect {scene}` says where",
+            if rows == 1 { "1 patch is".to_owned() } else { format!("{} patches are", count(rows)) },
+        )
+    } else {
+        format!(
+            "{} mostly backs of surfaces: inside a solid, or wound the wrong way; `hemicube inspect {scene}` says where",
+            if rows == 1 { "1 patch sees".to_owned() } else { format!("{} patches see", count(rows)) },
+        )
+    });
 }
 
 /// Numbers of rows and entries, the effect of leaving out small ones, and the expected error.
@@ -1241,62 +1314,14 @@ fn list_rows(report: &Report, list: &mut Listing) {
             ),
         );
     }
-    if let Some(error) = report.expected_error {
-        let asked = report.tolerance.filter(|&asked| error > asked);
-        list.add(
-            "error",
-            format!(
-                "{} expected{}, by {} rays a row (`--verify ROWS` measures it)",
-                small_percent(error),
-                asked.map_or_else(String::new, |asked| format!(
-                    ", more than the {} asked for",
-                    level::percentage(asked)
-                )),
-                figures(report.rays as f64 / report.rows.max(1) as f64)
-            ),
-        );
-        list.add("rays", format!("rows by rays: {}", report.effort.text()));
-    }
-}
-
-/// Row sums and shares.
-fn list_shares(report: &Report, list: &mut Listing) {
     let sum = report.row_sum;
     list.add(
-        "row sums",
+        "sum of F",
         format!("{:.4} on average, from {:.4} to {:.4}", sum.mean, sum.min, sum.max),
     );
-    list.add(
-        "escaped",
-        format!("{} of what leaves a patch leaves the scene", percent(report.escaped)),
-    );
-    list.add(
-        "blocked",
-        format!(
-            "{} ends on {}",
-            percent(report.blocked),
-            if report.is_two_sided {
-                "surfaces that lie on each other"
-            } else {
-                "backs of one-sided surfaces"
-            }
-        ),
-    );
-    if report.unselected > 0.0 {
-        list.add(
-            "unselected",
-            format!("{} ends on patches that have no column", percent(report.unselected)),
-        );
-    }
-    if let Some([mean, largest]) = report.cut_off {
-        list.add(
-            "cut off",
-            format!(
-                "{} after the last portal followed, {} of a row at most",
-                percent(mean),
-                percent(largest)
-            ),
-        );
+    if report.expected_error.is_some() {
+        let rays = figures(report.rays as f64 / report.rows.max(1) as f64);
+        list.add("rays", format!("{rays} a row; rows by rays: {}", report.effort.text()));
     }
 }
 
@@ -1313,21 +1338,21 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
         let corrected = counted(report.corrected, "entry");
         list.add(
             "partial",
-            format!("{partial} visible in part; {corrected} are corrected: a visible fraction of a closed form"),
+            format!("{partial} partly hidden; {corrected}: visible fraction × closed form"),
         );
     }
     if report.cut_short > 0 {
         list.add(
             "budget",
             format!(
-                "{} met the bound on their work before all pairs worth it were measured{}",
+                "{} hit the limit of work; their last pairs are estimates{}",
                 if report.settings.patches.is_triangle() {
                     counted(report.cut_short, "row")
                 } else {
                     format!("rows of {}", counted(report.cut_short, "triangle"))
                 },
                 if report.expected_error.is_some() {
-                    "; their expected error says so"
+                    ", as their expected error says"
                 } else {
                     ""
                 }
@@ -1382,32 +1407,23 @@ fn list_work(report: &Report, summary: &Summary, list: &mut Listing) {
 /// The commands that follow a run.
 fn next_step(report: &Report, summary: &Summary, directory: &Path) -> String {
     let shown = word(directory);
-    let mut text = String::new();
     if summary.cancelled {
-        text.push_str(&format!(
+        return format!(
             "interrupted: {} of {} are kept; the same command goes on there, and `hemicube check {shown} \
              --allow-incomplete` looks at them\n",
             count(report.parts),
             counted(report.part_count, "part")
-        ));
-    } else if let Some(shard) = &report.shard {
-        text.push_str(&format!(
-            "shard {shard} is done. When all are:\n  hemicube merge {shown}\n"
-        ));
-    } else {
-        let name = directory
-            .file_stem()
-            .map_or_else(|| "matrix".to_owned(), |name| name.to_string_lossy().into_owned());
-        let export = word(format!("{name}.npz").as_ref());
-        text.push_str(&format!(
-            "Next:\n  hemicube check {shown}\n  hemicube export {shown} {export}\n"
-        ));
-        // Names that would need quoting in two languages at once get no command.
-        if !name.contains(['"', '\'', '\\']) {
-            text.push_str(&format!(
-                "  python3 -c 'import scipy.sparse as s; print(s.load_npz(\"{name}.npz\").sum(axis=1))'\n"
-            ));
-        }
+        );
     }
-    text
+    if let Some(shard) = &report.shard {
+        return format!("shard {shard} is done. When all are:\n  hemicube merge {shown}\n");
+    }
+    let name = directory
+        .file_stem()
+        .map_or_else(|| "matrix".to_owned(), |name| name.to_string_lossy().into_owned());
+    let export = word(format!("{name}.npz").as_ref());
+    format!(
+        "Next:\n  hemicube check {shown}                # does it hold?\n  hemicube export {shown} -o {export}  # for \
+         SciPy\n  hemicube report {shown}               # a page with the model in 3-D\n"
+    )
 }

@@ -21,8 +21,8 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-/// Surfaces whose exchange areas are printed as a square.
-const SQUARE_MAX: usize = 8;
+/// Pairs in the table on the terminal: all of eight surfaces and their surroundings.
+const PAIRS_SHOWN: usize = 44;
 /// Rows of G that add up to 1 within this are conserved.
 const CONSERVED: f64 = 1e-6;
 /// Enclosures named.
@@ -69,7 +69,6 @@ impl Arguments {
             .store([&self.matrix.store])
             .reads(&self.materials)
             .writes("-o", &self.output, self.matrix.overwrite)
-            .reports(&self.report)
     }
 }
 
@@ -116,7 +115,7 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     for output in &arguments.output {
         Format::of(output)?;
     }
@@ -178,7 +177,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         found.write(output)?;
     }
     let of_scene = properties.emissivities_of_scene();
-    talk.say(text(&found, &enclosures, of_scene)?.trim_end());
+    if !arguments.report.json {
+        report::print(&text(&found, &enclosures, of_scene)?)?;
+    }
+    for output in &arguments.output {
+        talk.say(&format!("written: `{}`", output.display()));
+    }
     let conservation: Vec<f64> = (0..bands.len()).map(|band| exchange.conservation(band)).collect();
     let is_conserved = conservation.iter().all(|off| *off <= CONSERVED);
     if let Some(json) = json {
@@ -272,12 +276,7 @@ fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64
             format!("{} that see no other", counted(alone as u64, "surface")),
         );
     }
-    let mut text = list.text();
-    if network.len() <= SQUARE_MAX && found.bands.len() == 1 {
-        text.push('\n');
-        text.push_str(&square(found));
-    }
-    Ok(text)
+    Ok(format!("{}\n{}", pairs(found), list.text()))
 }
 
 /// An enclosure in words.
@@ -305,25 +304,41 @@ fn enclosure(network: &Network, surfaces: &[u32]) -> String {
     format!("{size}: {}{more}; {lost}", names.join(", "))
 }
 
-/// The total exchange areas of a few surfaces as a table of pairs.
-fn square(found: &Found<'_>) -> String {
+/// The pairs that exchange most in the first band, as a table, and how many are not shown.
+fn pairs(found: &Found<'_>) -> String {
     let (network, exchange) = (found.network, found.exchange);
-    let count = network.len();
-    let mut rows = Vec::new();
-    for from in 0..count {
-        for to in from..=count {
-            let area = exchange.area(network, 0, from, to);
-            if area > 0.0 {
-                let name = network.names.get(to).map_or("(surroundings)", String::as_str);
-                rows.push([
-                    network.names[from].clone(),
-                    name.to_owned(),
-                    format!("{:.6}", exchange.gebhart(0, from, to)),
-                    format!("{area:.5e}"),
-                    format!("{:.5e}", exchange.conductance(network, 0, from, to)),
-                ]);
-            }
-        }
+    let surfaces = network.len();
+    let pairs = (0..surfaces).flat_map(|from| (from..=surfaces).map(move |to| (from, to)));
+    let mut pairs: Vec<(f64, usize, usize)> = pairs
+        .map(|(from, to)| (exchange.area(network, 0, from, to), from, to))
+        .filter(|(area, ..)| *area > 0.0)
+        .collect();
+    let all = pairs.len();
+    if all > PAIRS_SHOWN {
+        pairs.sort_by(|a, b| b.0.total_cmp(&a.0));
+        pairs.truncate(PAIRS_SHOWN);
     }
-    table(["from", "to", "Gebhart factor", "exchange area", "σ A F, W/K⁴"], rows)
+    let shown = pairs.len();
+    let rows = pairs.into_iter().map(|(area, from, to)| {
+        [
+            network.names[from].clone(),
+            network.names.get(to).map_or("(surroundings)", String::as_str).to_owned(),
+            format!("{:.6}", exchange.gebhart(0, from, to)),
+            format!("{area:.5e}"),
+            format!("{:.5e}", exchange.conductance(network, 0, from, to)),
+        ]
+    });
+    let mut text = table(["from", "to", "Gebhart factor", "exchange area", "σ A F, W/K⁴"], rows);
+    let bands = found.bands.len();
+    if bands > 1 {
+        text.push_str(&format!("of band {}; -o FILE.csv has all {bands}\n", found.bands[0]));
+    }
+    if shown < all {
+        text.push_str(&format!(
+            "{} of {}, those with the largest exchange areas; `-o FILE.csv` has all\n",
+            count(shown as u64),
+            counted(all as u64, "pair")
+        ));
+    }
+    text
 }

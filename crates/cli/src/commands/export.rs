@@ -24,13 +24,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "  \
-  hemicube export room.hemicube room.npz                         # SciPy: scipy.sparse.load_npz
-  hemicube export room.hemicube room.data --format mtx
-  hemicube export city.hemicube city.npz --with-sky              # and what each patch sees of the sky
-  hemicube export room.hemicube zones.csv --by object            # form factors between objects
-  hemicube export room.hemicube room.vtp --scene room.obj        # ParaView: each patch with its results
-  hemicube export room.hemicube room.glb --scene room.obj --up y --show seen
-  hemicube export room.hemicube patches.csv                      # a line a patch
+  hemicube export room.hemicube -o room.npz                      # SciPy: scipy.sparse.load_npz
+  hemicube export room.hemicube -o room.data --format mtx
+  hemicube export city.hemicube -o city.npz --with-sky              # and what each patch sees of the sky
+  hemicube export room.hemicube -o zones.csv --by object            # form factors between objects
+  hemicube export room.hemicube -o room.vtp --scene room.obj        # ParaView: each patch with its results
+  hemicube export room.hemicube -o room.glb --scene room.obj --up y --show seen
+  hemicube export room.hemicube -o patches.csv                   # a line a patch
   hemicube export box.hemicube --for elmer -o mesh/ViewFactors.dat
   hemicube export zone.hemicube --for energyplus --zone 'Zone 1' -o factors.idf";
 
@@ -39,7 +39,7 @@ const NOT_FOR_SOLVERS: [&str; 10] = [
     "format",
     "with_sky",
     "allow_incomplete",
-    "patches",
+    "results",
     "scene",
     "show",
     "range",
@@ -52,7 +52,7 @@ const NOT_FOR_SOLVERS: [&str; 10] = [
 const OF_PATCHES: [&str; 8] = [
     "format",
     "allow_incomplete",
-    "patches",
+    "results",
     "scene",
     "show",
     "range",
@@ -67,11 +67,8 @@ pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    #[arg(value_name = "OUT", help = output_help(), required_unless_present = "named_output")]
-    output: Option<PathBuf>,
-    /// OUT, by an option
-    #[arg(short = 'o', long = "output", value_name = "OUT", conflicts_with = "output")]
-    named_output: Option<PathBuf>,
+    #[arg(short, long, value_name = "OUT", help = output_help())]
+    output: PathBuf,
     /// The format, where OUT's extension does not say
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     format: Option<String>,
@@ -80,7 +77,7 @@ pub(crate) struct Arguments {
     /// the solver's rows
     #[arg(long, value_name = "WHAT", conflicts_with_all = OF_PATCHES)]
     by: Option<ZoneName>,
-    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --store` found
+    /// Add columns after those of the patches: the ground and the patches of the sky, as `hemicube sky --matrix` found
     /// them. OUT with `.columns.csv` in place of its ending says what each is
     #[arg(long, conflicts_with = "by")]
     pub(crate) with_sky: bool,
@@ -91,8 +88,9 @@ pub(crate) struct Arguments {
     #[arg(long)]
     allow_incomplete: bool,
     /// Write the matrix as a solver reads it, or say what it lacks for that and the next step. Rows are the faces of
-    /// the scene's file in its order; for petsc patches, for view3d and energyplus objects
-    #[arg(long = "for", value_name = "PROGRAM", value_parser = solver::names(), conflicts_with_all = NOT_FOR_SOLVERS,
+    /// the scene's file in its order; for petsc patches, for view3d and energyplus objects. `calculix:2.21` and
+    /// `energyplus:9.6` write for that version [default: 2.20, 22.1 or later]
+    #[arg(long = "for", value_name = "PROGRAM[:VERSION]", value_parser = solver::Programs::parser(), conflicts_with_all = NOT_FOR_SOLVERS,
         help_heading = "Solvers")]
     program: Option<String>,
     /// A text file with the solver's order of rows: a line each, the face's number from 0 or the object's name
@@ -101,21 +99,18 @@ pub(crate) struct Arguments {
     /// EnergyPlus: the zone or enclosure of the surfaces
     #[arg(long, value_name = "NAME", requires = "program", help_heading = "Solvers")]
     zone: Option<String>,
-    /// The solver's version, where its files tell it: CalculiX's [default: 2.20], EnergyPlus' [default: 22.1 or later]
-    #[arg(long, value_name = "VERSION", requires = "program", help_heading = "Solvers")]
-    program_version: Option<String>,
     #[arg(long, help_heading = "Patches", help = format!(
-        "What is known of each patch, in place of the matrix, where OUT is a {}, which may be either",
+        "With a {}: write results for each patch instead of the matrix",
         either(" or "),
     ))]
-    patches: bool,
+    results: bool,
     #[arg(long, value_name = "SCENE", help_heading = "Patches", help = format!(
         "The scene that the matrix is of: it has the corners that {} need",
         patch_extensions(PatchFormat::needs_corners, " and "),
     ))]
     pub(crate) scene: Option<PathBuf>,
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
-    #[arg(long, requires = "scene", help_heading = "Patches", hide_short_help = true)]
+    #[arg(long, hide_short_help = true)]
     allow_large: bool,
     /// Which solutions to add (repeatable) [default: all that `hemicube solve` left beside the matrix]
     #[arg(long, value_name = "NAME", help_heading = "Patches")]
@@ -147,17 +142,13 @@ impl Arguments {
             .store([&self.store])
             .reads(&self.scene)
             .reads(&self.order)
-            .writes("OUT", &outputs, self.overwrite)
+            .writes("-o", &outputs, self.overwrite)
             .writes("--with-sky", &columns, self.overwrite)
-            .reports(&self.report)
     }
 
     /// OUT; one of the two is there.
     fn output(&self) -> &Path {
-        self.output
-            .as_deref()
-            .or(self.named_output.as_deref())
-            .unwrap_or(Path::new(""))
+        &self.output
     }
 }
 
@@ -261,7 +252,7 @@ fn format_names() -> PossibleValuesParser {
         .map(|format| (format.extensions()[0], format.about()));
     let mut names: Vec<PossibleValue> = Vec::new();
     for (name, about) in matrix.chain(patches) {
-        // A name may stand for a format of the matrix and one of patches: `--patches` tells them apart.
+        // A name may stand for a format of the matrix and one of patches: `--results` tells them apart.
         if !names.iter().any(|known| known.get_name() == name) {
             names.push(PossibleValue::new(name).help(about));
         }
@@ -300,7 +291,7 @@ impl Target {
         let output = arguments.output();
         let Arguments {
             format,
-            patches,
+            results,
             scene,
             show,
             range,
@@ -310,7 +301,7 @@ impl Target {
             ..
         } = arguments;
         let of_output = |path: &Path| match (PatchFormat::of(path), ExportFormat::of(path)) {
-            (Ok(format), Ok(_)) if *patches => Some(Self::Patches(format)),
+            (Ok(format), Ok(_)) if *results => Some(Self::Patches(format)),
             (_, Ok(format)) => Some(Self::Matrix(format)),
             (Ok(format), Err(_)) => Some(Self::Patches(format)),
             (Err(_), Err(_)) => None,
@@ -335,7 +326,7 @@ impl Target {
                 "--with-sky",
                 *with_sky && !matches!(target, Self::Matrix(format) if format.takes_sky()),
             ),
-            ("--patches", *patches && !matches!(target, Self::Patches(_))),
+            ("--results", *results && !matches!(target, Self::Patches(_))),
             ("--scene", scene.is_some() && !matches!(target, Self::Patches(_))),
             (
                 "--solution",
@@ -359,8 +350,8 @@ impl Target {
                 return Err(hinted(
                     anyhow!("`{name}` has no meaning for `{}`", output.display()),
                     format!(
-                        "`hemicube export --help` says which files it is for; a {} of patches is asked for by \
-                         `--patches`",
+                        "`hemicube export --help` -o says which files it is for; a {} of patches is asked for by \
+                         `--results`",
                         either(" or ")
                     ),
                 ));
@@ -371,7 +362,7 @@ impl Target {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     if let Some(program) = &arguments.program {
         return solver::run(arguments, program, json, talk);
     }

@@ -59,7 +59,6 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
-            .reports(&self.report)
     }
 }
 
@@ -68,7 +67,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let Some(path) = arguments.scene.as_deref() else {
         bail!("a scene is needed")
     };
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let mut backend = arguments.render.open_backend(talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render, arguments.render.work())?;
     let (reading, preparing) = (peak_memory_bytes(), processor_seconds());
@@ -145,8 +144,8 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         peak_memory_bytes: peak_memory_bytes().filter(|_| timed),
         inputs: vec![prepared.input],
     };
-    if !arguments.report.is_to_stdout() {
-        print(&text(&report))?;
+    if !arguments.report.json {
+        print(&text(&report, talk.verbose))?;
     }
     for warning in &prepared.scene.ledger.sentences() {
         talk.warn(warning);

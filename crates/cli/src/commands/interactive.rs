@@ -16,7 +16,7 @@ mod lines;
 mod menus;
 mod settings;
 
-use crate::args::{LogFormat, Talk};
+use crate::args::{Color, LogFormat, Talk};
 use crate::exit::{Exit, hinted};
 use crate::{progress, report};
 use anyhow::{Context, Result, anyhow};
@@ -138,6 +138,8 @@ fn common(talk: Talk) -> Vec<OsString> {
         (talk.verbose, "--verbose"),
         (talk.no_progress && !by_variable, "--no-progress"),
         (talk.log_format == LogFormat::Json, "--log-format=json"),
+        (talk.color == Color::Always, "--color=always"),
+        (talk.color == Color::Never, "--color=never"),
     ];
     flags
         .iter()

@@ -24,9 +24,8 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) markdown: bool,
 }
-/// Print a script that completes command lines in a shell
+/// Print a script that completes command lines in a shell: `hemicube completions bash`
 #[derive(Args, Debug)]
-#[command(hide = true)]
 pub(crate) struct Completions {
     /// The shell
     #[arg(value_name = "SHELL")]

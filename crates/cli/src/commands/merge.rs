@@ -41,7 +41,6 @@ impl Arguments {
         Paths::default()
             .store([&self.store])
             .store(&self.sources)
-            .reports(&self.report)
     }
 }
 
@@ -66,7 +65,7 @@ struct Report {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     if arguments.sources.is_empty() {
         report::require_matrix(&arguments.store)?;
     }

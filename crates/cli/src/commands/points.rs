@@ -13,7 +13,9 @@ use crate::outputs::Paths;
 use crate::portals::PortalSettings;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
-use crate::report::{Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent};
+use crate::report::{
+    Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent, print, table,
+};
 use crate::stored;
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
@@ -40,8 +42,10 @@ const REFERENCE_PIECE: f64 = 1e-7;
 const SHARE_OF_TOLERANCE: f64 = 0.1;
 const LEAST_TARGET: f64 = 2e-5;
 const USUAL_ERROR: f64 = 5e-3;
-/// Points in the summary.
-const SHOWN: usize = 5;
+/// Points in the table on the terminal.
+const SHOWN: usize = 20;
+/// 0 °C in kelvin.
+const KELVIN_OF_ZERO: f64 = 273.15;
 
 const EXAMPLES: &str = "  \
   hemicube points city.obj --points people.txt --as person -o people.csv
@@ -95,7 +99,7 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR[:NAME]",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates",
+        conflicts_with_all = ["split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates",
             "specular", "symmetry", "sector", "periodic"],
         help_heading = "Heat"
     )]
@@ -153,7 +157,7 @@ pub(crate) struct Arguments {
     /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt where there is one,
     /// else sky]
     #[arg(long, value_name = "COLUMN")]
-    pub(crate) column: Option<String>,
+    pub(crate) show: Option<String>,
     #[command(flatten)]
     pub(crate) portals: PortalSettings,
     #[command(flatten)]
@@ -175,7 +179,6 @@ impl Arguments {
             .reads(&self.portals.file())
             .store(&store)
             .writes("-o", &self.output, self.overwrite)
-            .reports(&self.report)
     }
 }
 
@@ -276,7 +279,7 @@ struct Report {
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
     output::require(arguments)?;
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let listed = arguments.points.as_deref().map(sensors::read).transpose()?;
     let store = arguments.solution.as_deref().map(heat::open).transpose()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
@@ -358,7 +361,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     drop(guard);
     let seconds = started.elapsed().as_secs_f64();
-    talk.say(task.summary(&rows, verified, seconds).trim_end());
+    if !arguments.report.json {
+        print(&task.results(&rows, verified))?;
+    }
+    talk.detail(task.work(&rows, seconds).trim_end());
+    for output in &arguments.output {
+        talk.say(&format!("written: `{}`", output.display()));
+    }
     let unsettled = rows.iter().filter(|row| !row.row.is_settled).count() as u64;
     if let (true, Some(tolerance)) = (unsettled > 0, arguments.tolerance) {
         talk.warn(&crate::report::unsettled(unsettled, tolerance));
@@ -549,9 +558,9 @@ impl Task<'_> {
         of_rows / if self.sensors.body == BodyName::Cube { 6 } else { 1 }
     }
 
-    fn summary(&self, rows: &[Kept], verified: Option<Verified>, seconds: f64) -> String {
+    /// Means over all points, the error where it was measured, and the first points.
+    fn results(&self, rows: &[Kept], verified: Option<Verified>) -> String {
         let mut list = Listing::default();
-        let (points, hemicubes) = (self.sensors.items.len() as u64, self.hemicubes(rows));
         let form = match self.sensors.body {
             BodyName::Plane => "planes",
             BodyName::Sphere => "spheres",
@@ -559,99 +568,125 @@ impl Task<'_> {
             BodyName::Person => "standing persons",
             BodyName::Cylinder => "upright cylinders",
         };
-        list.add(
-            "points",
-            format!("{}, as {form}, in {}", count(points), duration(seconds)),
-        );
-        if let Some(raster) = &self.sensors.raster {
-            list.add(
-                "grid",
-                format!(
-                    "{} × {} cells; {} left out: without a surface, or in solids",
-                    count(raster.columns as u64),
-                    count(raster.rows as u64),
-                    count(raster.left_out)
-                ),
-            );
-        }
-        list.add(
-            "hemicubes",
-            format!(
-                "{}, {:.1} a point",
-                count(hemicubes),
-                hemicubes as f64 / points.max(1) as f64
+        let points = self.sensors.items.len() as u64;
+        let left_out = match &self.sensors.raster {
+            Some(raster) => format!(
+                ", {} × {} cells, {} left out: without a surface, or in solids",
+                count(raster.columns as u64),
+                count(raster.rows as u64),
+                count(raster.left_out)
             ),
-        );
-        list.add(
-            "on average",
-            format!(
-                "sky {:.4}, ground below the horizon {:.4}, backs of surfaces {:.4}",
-                self.mean(rows, |row| row.row.sky),
-                self.mean(rows, |row| row.row.ground),
-                self.mean(rows, |row| row.row.blocked)
-            ),
-        );
-        if !self.portals.is_empty() {
-            let most = rows.iter().map(|row| row.row.cut_off).fold(0.0, f64::max);
-            list.add(
-                "cut off",
-                format!(
-                    "{} after the last portal followed, {} of a row at most",
-                    percent(self.mean(rows, |row| row.row.cut_off)),
-                    percent(most)
-                ),
-            );
-        }
+            None => String::new(),
+        };
+        list.add("points", format!("{} as {form}{left_out}", count(points)));
         if self.heat.is_some() {
             let of = |fold: fn(f64, f64) -> f64, start: f64| rows.iter().map(|row| row.temperature).fold(start, fold);
+            let mean = self.mean(rows, |row| row.temperature);
             list.add(
-                "radiant",
+                "mean radiant temperature",
                 format!(
-                    "{:.2} K on average, from {:.2} to {:.2}: mean radiant temperature",
-                    self.mean(rows, |row| row.temperature),
+                    "{mean:.2} K ({:.2} °C) on average, from {:.2} to {:.2} K",
+                    mean - KELVIN_OF_ZERO,
                     of(f64::min, f64::INFINITY),
                     of(f64::max, f64::NEG_INFINITY)
                 ),
             );
         }
-        if let Some(verified) = verified {
+        let range = |of: fn(&Kept) -> f64| {
+            let ends = rows.iter().map(of).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                (low.min(value), high.max(value))
+            });
+            format!("{:.4} on average, from {:.4} to {:.4}", self.mean(rows, of), ends.0, ends.1)
+        };
+        list.add("sky view factor", range(|row| row.row.sky));
+        list.add("ground below the horizon", range(|row| row.row.ground));
+        list.add("backs of surfaces", range(|row| row.row.blocked));
+        if !self.portals.is_empty() {
+            let most = rows.iter().map(|row| row.row.cut_off).fold(0.0, f64::max);
             list.add(
-                "by rays",
+                "cut off",
                 format!(
-                    "{} off over {}, of which rays explain {}; shares by {} at most",
-                    percent(verified.error),
-                    counted(verified.points, "point"),
-                    percent(verified.noise),
-                    figures(verified.share)
+                    "{} behind the last mirror or pane followed, {} of a row at most",
+                    percent(self.mean(rows, |row| row.row.cut_off)),
+                    percent(most)
                 ),
             );
-            if verified.met_bound > 0 {
-                let rows = counted(verified.met_bound, "row");
-                list.add("", format!("{rows} ended by the bound of rays, and so told less well"));
+        }
+        match verified {
+            Some(verified) => {
+                let short = match verified.met_bound {
+                    0 => String::new(),
+                    rows => format!("; {} hit the limit of rays: less certain", counted(rows, "row")),
+                };
+                list.add(
+                    "error",
+                    format!(
+                        "{} against rays at {} (noise of the rays: {}); shares within {}{short}",
+                        percent(verified.error),
+                        counted(verified.points, "point"),
+                        percent(verified.noise),
+                        figures(verified.share)
+                    ),
+                );
             }
+            None => list.add("error", "not measured; `--verify 20` compares 20 points with rays"),
         }
-        for row in rows.iter().take(SHOWN) {
-            list.add(&format!("point {}", row.sensor), self.line(row));
+        let mut text = list.text();
+        text.push('\n');
+        text.push_str(&self.table(rows));
+        if rows.len() > SHOWN {
+            text.push_str(&format!(
+                "{} more are not shown{}\n",
+                count((rows.len() - SHOWN) as u64),
+                if self.arguments.output.is_empty() { "; `-o FILE.csv` has all" } else { "" }
+            ));
         }
-        for path in &self.arguments.output {
-            list.add("written", format!("`{}`", path.display()));
-        }
+        text
+    }
+
+    /// The first rows.
+    fn table(&self, rows: &[Kept]) -> String {
+        let shown = rows.iter().take(SHOWN).map(|row| {
+            let most = row.groups.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+            [
+                row.sensor.to_string(),
+                self.heat.map_or_else(|| "–".to_owned(), |_| format!("{:.2}", row.temperature)),
+                format!("{:.4}", row.row.sky),
+                format!("{:.4}", row.row.ground),
+                most.map_or_else(String::new, |(group, factor)| {
+                    format!("`{}` {factor:.4}", self.groups.name(*group))
+                }),
+                self.place(row).to_owned(),
+            ]
+        });
+        table(["point", "radiant, K", "sky", "ground", "most seen", ""], shown)
+    }
+
+    /// The work, for `-v`.
+    fn work(&self, rows: &[Kept], seconds: f64) -> String {
+        let (points, hemicubes) = (self.sensors.items.len() as u64, self.hemicubes(rows));
+        let mut list = Listing::default();
+        list.add(
+            "hemicubes",
+            format!(
+                "{}, {:.1} a point, in {}",
+                count(hemicubes),
+                hemicubes as f64 / points.max(1) as f64,
+                duration(seconds)
+            ),
+        );
         list.text()
     }
 
-    fn line(&self, row: &Kept) -> String {
-        let place = match self.sensors.places.get(row.sensor) {
-            Some(Place::InSolid) => ": it is in a solid",
-            Some(Place::BelowGround) => ": it is below the ground",
-            Some(Place::BehindSheet) => ": it is behind a surface",
-            Some(Place::FarOff) => ": it is far off the scene",
+    /// Where a point is, unless it is in the open.
+    fn place(&self, row: &Kept) -> &'static str {
+        match self.sensors.places.get(row.sensor) {
+            Some(Place::InSolid) => "in a solid",
+            Some(Place::BelowGround) => "below the ground",
+            Some(Place::BehindSheet) => "behind a surface",
+            Some(Place::FarOff) => "far off the scene",
             _ => "",
-        };
-        let most = row.groups.iter().max_by(|a, b| a.1.total_cmp(&b.1));
-        let most = most.map_or_else(String::new, |(group, factor)| {
-            format!(", most of `{}` {factor:.4}", self.groups.name(*group))
-        });
-        format!("sky {:.4}, ground {:.4}{most}{place}", row.row.sky, row.row.ground)
+        }
     }
 }
 

@@ -55,8 +55,8 @@ const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 const CELLS: u32 = 400;
 
 const EXAMPLES: &str = "  \
-  hemicube report room.hemicube room.obj
-  hemicube report city.hemicube city.obj -o city.html --entries 64";
+  hemicube report room.hemicube
+  hemicube report city.hemicube models/city.obj -o city.html --entries 64";
 
 /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
 #[derive(Args, Debug)]
@@ -65,9 +65,9 @@ pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// The scene that it is of
+    /// The scene that it is of [default: the one that the matrix names, beside it or here]
     #[arg(value_name = "SCENE")]
-    pub(crate) scene: PathBuf,
+    pub(crate) scene: Option<PathBuf>,
     /// The page: .html [default: DIR's name with .html]
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
@@ -96,9 +96,8 @@ impl Arguments {
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .store([&self.store])
-            .reads([&self.scene])
+            .reads(&self.scene)
             .writes("-o", [&self.page()], self.overwrite)
-            .reports(&self.report)
     }
 
     /// The page's file: beside the matrix, unless it is named.
@@ -129,7 +128,7 @@ fn narrow(numbers: &[f64]) -> Vec<f32> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let is_html = |extension: &std::ffi::OsStr| extension.eq_ignore_ascii_case("html");
     let output = arguments.page();
     if !output.extension().is_some_and(is_html) {
@@ -138,9 +137,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     store.require_complete()?;
+    let scene = stored::scene_file(&store, arguments.scene.as_deref(), "`hemicube report DIR SCENE`")?;
     let prepared = stored::scene(
         &store,
-        &arguments.scene,
+        &scene,
         &EngineSettings::default(),
         Limits::of(arguments.allow_large),
     )?;

@@ -49,16 +49,14 @@ const LOST_LEAST: f64 = 1e-3;
 pub(crate) const FILES: [&str; 4] = ["sky.npz", "sky.json", "points-sky.npz", "sunlight.npy"];
 
 const EXAMPLES: &str = "  \
-  hemicube sky city.obj --up z -o city-sky --tolerance 0.5%
-  hemicube sky city.obj --store city.hemicube
-  hemicube sky city.obj --up z --csv sky.csv
+  hemicube sky city.obj
+  hemicube sky city.obj --up z -o city-sky -o sky.csv --tolerance 0.5%
+  hemicube sky city.obj --matrix city.hemicube
   hemicube sky street.obj -o sky --division reinhart:4 --points people.txt --suns june.txt";
 
 /// What patches and points see of the sky, of the ground below the horizon, and of the sun
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
-#[command(group = clap::ArgGroup::new("place").required(true).multiple(true))]
-#[command(group = clap::ArgGroup::new("files").args(["output", "csv"]).multiple(true))]
 pub(crate) struct Arguments {
     #[arg(value_name = "SCENE", help = scene_help())]
     pub(crate) scene: PathBuf,
@@ -66,18 +64,14 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR",
-        group = "place",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
+        conflicts_with_all = ["split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
     )]
-    pub(crate) store: Option<PathBuf>,
-    /// The directory to write to
-    #[arg(short, long, value_name = "DIR", group = "place", conflicts_with = "store")]
-    pub(crate) output: Option<PathBuf>,
-    /// A table to write: a line a patch with its sky view factor, ground, and what ends on backs
-    #[arg(long, value_name = "FILE", group = "place")]
-    pub(crate) csv: Option<PathBuf>,
-    /// Replace what `-o` and `--csv` name
-    #[arg(long, requires = "files")]
+    pub(crate) matrix: Option<PathBuf>,
+    /// The directory to write to, or a table, a line a patch: .csv (repeatable) [default: only the summary is printed]
+    #[arg(short, long, value_name = "DIR|FILE.csv")]
+    pub(crate) output: Vec<PathBuf>,
+    /// Replace what `-o` names
+    #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     /// How the sky is divided: tregenza (145 patches) or reinhart:N (144 N² + 1)
     #[arg(long, value_name = "tregenza|reinhart:N", default_value = "tregenza")]
@@ -116,20 +110,32 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        let files = self
-            .output
-            .iter()
-            .flat_map(|folder| FILES.map(|name| folder.join(name)));
-        let files: Vec<PathBuf> = files.collect();
+        let folders = self.folders().flat_map(|folder| FILES.map(|name| folder.join(name)));
+        let files: Vec<PathBuf> = folders.chain(self.tables().cloned()).collect();
         Paths::default()
             .reads([&self.scene])
-            .store(&self.store)
+            .store(&self.matrix)
             .reads(&self.points)
             .reads(&self.suns)
             .reads(&crate::portals::file_of(self.specular.as_ref()))
             .writes("-o", &files, self.overwrite)
-            .writes("--csv", &self.csv, self.overwrite)
-            .reports(&self.report)
+    }
+}
+
+/// Returns whether an output is a table.
+fn is_table(path: &Path) -> bool {
+    path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv")) && !path.is_dir()
+}
+
+impl Arguments {
+    /// Directories to write to: one at most, by [`require_places`].
+    fn folders(&self) -> impl Iterator<Item = &PathBuf> {
+        self.output.iter().filter(|path| !is_table(path))
+    }
+
+    /// Tables to write.
+    fn tables(&self) -> impl Iterator<Item = &PathBuf> {
+        self.output.iter().filter(|path| is_table(path))
     }
 }
 
@@ -205,8 +211,8 @@ struct Report<'a> {
     inputs: Vec<Input>,
     #[serde(skip_serializing_if = "Option::is_none")]
     output: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    csv: Option<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    tables: Vec<String>,
     #[serde(flatten)]
     record: &'a Record,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -354,13 +360,13 @@ fn of_matrix(store: &Store, prepared: &Prepared) -> Result<OfMatrix> {
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let points = read_if_any(arguments.points.as_deref(), read_points)?;
     let suns = read_if_any(arguments.suns.as_deref(), read_suns)?;
     let store = open_store(arguments)?;
     let output = match &store {
         Some(store) => Some(store.directory().join("sky")),
-        None => arguments.output.clone(),
+        None => arguments.folders().next().cloned(),
     };
     require_places(arguments, output.as_deref())?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
@@ -407,13 +413,19 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if let Some(output) = &output {
         task.keep(output, &of_patches, &of_points, &record)?;
     }
-    if let Some(path) = &arguments.csv {
+    for path in arguments.tables() {
         task.write_table(path, &of_patches, cancel)?;
     }
     drop(guard);
     let seconds = started.elapsed().as_secs_f64();
-    let written: Vec<&Path> = output.iter().chain(&arguments.csv).map(PathBuf::as_path).collect();
-    talk.say(summary(&record, &of_points, &misplaced, &written, seconds).trim_end());
+    let written: Vec<&Path> = output.iter().chain(arguments.tables()).map(PathBuf::as_path).collect();
+    if !arguments.report.json {
+        report::print(&summary(&record, &of_points, &misplaced))?;
+    }
+    talk.detail(work(&record, seconds).trim_end());
+    for path in written {
+        talk.say(&format!("written: `{}`", path.display()));
+    }
     if let (true, Some(tolerance)) = (record.unsettled > 0, record.tolerance) {
         talk.warn(&report::unsettled(record.unsettled, tolerance));
     }
@@ -428,7 +440,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             version: env!("CARGO_PKG_VERSION"),
             inputs: vec![prepared.input],
             output: output.map(|output| output.display().to_string()),
-            csv: arguments.csv.as_ref().map(|path| path.display().to_string()),
+            tables: arguments.tables().map(|path| path.display().to_string()).collect(),
             record: &record,
             seconds: (!arguments.report.no_timings).then_some(seconds),
         })?;
@@ -438,14 +450,15 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
 
 /// Refuses outputs that would leave out what was asked for.
 fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
-    if let Some(path) = output
-        && path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"))
-        && !path.is_dir()
-    {
+    let folders: Vec<&PathBuf> = arguments.folders().collect();
+    if let (Some(_), [folder, ..]) = (&arguments.matrix, &folders[..]) {
         return Err(hinted(
-            anyhow!("`-o {}` names a directory of several files", path.display()),
-            format!("`--csv {}` writes a table", path.display()),
+            anyhow!("`-o {}` is a second directory: with `--matrix` the rows are written beside the matrix", folder.display()),
+            "leave it out, or name a .csv",
         ));
+    }
+    if folders.len() > 1 {
+        bail!("`-o` names {} directories, and one is written", folders.len());
     }
     let asked = [
         ("--points", arguments.points.is_some()),
@@ -456,8 +469,8 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
     for (option, is_asked) in asked {
         if is_asked && output.is_none() {
             return Err(hinted(
-                anyhow!("the table of `--csv` has no place for what `{option}` asks for"),
-                "name a directory for it, with `-o`",
+                anyhow!("what `{option}` asks for is neither in the summary nor in a .csv"),
+                "name a directory for it by `-o DIR`, or a matrix by `--matrix DIR`",
             ));
         }
     }
@@ -475,7 +488,7 @@ fn read_if_any<T: Default>(path: Option<&Path>, read: impl Fn(&Path) -> Result<T
 }
 
 fn open_store(arguments: &Arguments) -> Result<Option<Store>> {
-    let Some(path) = &arguments.store else { return Ok(None) };
+    let Some(path) = &arguments.matrix else { return Ok(None) };
     report::require_matrix(path)?;
     let store = Store::open(path)?;
     Ok(Some(store))
@@ -1025,66 +1038,48 @@ fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize)
     Ok(Some(lit))
 }
 
-fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], written: &[&Path], seconds: f64) -> String {
+/// What was found.
+fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> String {
     let mut list = Listing::default();
+    let factor = record.sky_view_factor;
+    list.add(
+        "sky view factor",
+        format!(
+            "{:.4} on average over the area of {}, from {:.4} to {:.4}",
+            factor.mean,
+            counted(record.patches, "patch"),
+            factor.min,
+            factor.max,
+        ),
+    );
+    list.add("ground below the horizon", format!("{} on average", percent(record.ground)));
     list.add(
         "sky",
         format!(
-            "{}, {} up: the ground and {} in {}",
+            "{}, {} up: the ground and {} patches of the sky",
             record.division,
             record.up,
-            counted(u64::from(record.columns) - 1, "patch of the sky")
-                .replace("patch of the skies", "patches of the sky"),
-            duration(seconds),
-        ),
-    );
-    let factor = record.sky_view_factor;
-    list.add(
-        "view of it",
-        format!(
-            "{:.4} on average over the area, from {:.4} to {:.4}; the ground below the horizon {}",
-            factor.mean,
-            factor.min,
-            factor.max,
-            percent(record.ground)
+            count(u64::from(record.columns) - 1),
         ),
     );
     list.add(
-        "hemicubes",
-        format!(
-            "{}, {:.1} a patch, of {} pixels along an edge",
-            count(record.hemicubes),
-            record.hemicubes as f64 / record.patches.max(1) as f64,
-            record.resolution
-        ),
-    );
-    if record.unsettled > 0 {
-        list.add(
-            "unsettled",
-            format!(
-                "{} changed by more than the tolerance at the last level",
-                counted(record.unsettled, "row")
-            ),
-        );
-    }
-    if let Some(tolerance) = record.tolerance_of_matrix {
-        list.add(
-            "accuracy",
-            format!(
-                "sky and ground divide by the matrix's hemicubes, and may be off by more than its tolerance; \
-                 `--tolerance {}` keeps to it",
+        "error",
+        match (record.tolerance, record.tolerance_of_matrix) {
+            (Some(tolerance), _) => match record.unsettled {
+                0 => format!("rows changed by {} at most at the last refinement", percentage(tolerance)),
+                rows => format!("{} still changed by more than {}", counted(rows, "row"), percentage(tolerance)),
+            },
+            (None, Some(tolerance)) => format!(
+                "may be above the matrix's tolerance; `--tolerance {}` refines to it",
                 percentage(tolerance)
             ),
-        );
-    }
+            (None, None) => "not known; `--tolerance 1%` refines".to_owned(),
+        },
+    );
     if let Some(same) = record.rows_as_in_matrix {
         list.add(
             "matrix",
-            format!(
-                "{} of {} lost what they lost there, to the last unit",
-                count(same),
-                counted(record.patches, "row")
-            ),
+            format!("escaped energy agrees with the matrix in {} of {}", count(same), counted(record.patches, "row")),
         );
     }
     for (index, point) in points.iter().enumerate().take(5) {
@@ -1107,9 +1102,25 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced], writte
             ),
         );
     }
-    for path in written {
-        list.add("written", format!("`{}`", path.display()));
+    if points.len() > 5 {
+        list.add("", format!("{} more points are not shown; `-o DIR` has all", count((points.len() - 5) as u64)));
     }
+    list.text()
+}
+
+/// The work, for `-v`.
+fn work(record: &Record, seconds: f64) -> String {
+    let mut list = Listing::default();
+    list.add(
+        "hemicubes",
+        format!(
+            "{}, {:.1} a patch, of {} pixels along an edge, in {}",
+            count(record.hemicubes),
+            record.hemicubes as f64 / record.patches.max(1) as f64,
+            record.resolution,
+            duration(seconds),
+        ),
+    );
     list.text()
 }
 

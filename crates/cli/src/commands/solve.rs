@@ -1,6 +1,7 @@
 //! `hemicube solve`: radiosity or thermal exchange from a matrix.
 
 mod heat;
+mod light;
 mod surfaces;
 
 use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
@@ -9,10 +10,10 @@ use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
 use crate::materials;
 use crate::outputs::Paths;
-use crate::picture::canvas::Format as PictureFormat;
-use crate::picture::model::{self, Camera};
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size};
+use crate::report::{
+    self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size, small_percent,
+};
 use crate::stored::{self, Limits};
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
@@ -42,7 +43,7 @@ const RESTART: u32 = 20;
 /// Vectors in memory a right-hand side, besides GMRES's.
 const VECTORS: u64 = 9;
 /// Options of what is solved, which `--print-materials` does not do.
-const OF_SOLVING: [&str; 19] = [
+const OF_SOLVING: [&str; 16] = [
     "threads",
     "overwrite",
     "thermal",
@@ -50,52 +51,36 @@ const OF_SOLVING: [&str; 19] = [
     "sky_radiance",
     "sky",
     "method",
-    "restart",
-    "tolerance",
+    "residual",
     "max_iterations",
     "as_stored",
     "memory",
-    "name",
+    "solution",
     "output",
     "by",
     "network",
-    "surfaces",
-    "picture",
     "json",
 ];
-/// Options of the camera.
-const CAMERA: [&str; 7] = ["eye", "look_at", "up", "fov", "size", "shading", "exposure"];
-
-/// The camera's options are of a picture.
-fn of_picture(argument: clap::Arg) -> clap::Arg {
-    if CAMERA.contains(&argument.get_id().as_str()) {
-        argument.requires("picture")
-    } else {
-        argument
-    }
-}
-
 const EXAMPLES: &str = "  \
-  hemicube solve room.hemicube --scene room.obj
+  hemicube solve room.hemicube
   hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv
-  hemicube solve oven.hemicube --thermal --materials oven.toml --ambient '20 °C'
   hemicube solve room.hemicube --print-materials > room.toml
-  hemicube solve room.hemicube --thermal --materials room.toml --by object --surfaces room.csv";
+  hemicube solve oven.hemicube --thermal --materials oven.toml --sky-temperature '20 °C'
+  hemicube solve room.hemicube --thermal --materials room.toml --by object -o room.csv";
 
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
-#[command(group = clap::ArgGroup::new("files").args(["output", "surfaces", "picture"]).multiple(true))]
-#[command(mut_arg("overwrite", |overwrite| overwrite.requires("files")))]
-#[command(mut_args(of_picture))]
+#[command(mut_arg("overwrite", |overwrite| overwrite.requires("output")))]
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) matrix: StoredMatrix,
-    /// Take reflectance and emission from the scene's file: glTF, MTL or AC3D
+    /// Take reflectance and emission from this scene: glTF, MTL or AC3D [default without `--materials`: the matrix's
+    /// own scene, where it is found]
     #[arg(long, value_name = "SCENE", help_heading = "Materials")]
     pub(crate) scene: Option<PathBuf>,
     /// Read a scene of which more would come than a file of its size may become (docs/security.md)
-    #[arg(long, requires = "scene", help_heading = "Materials", hide_short_help = true)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
     /// Properties of objects and materials by name (TOML): reflectance, emission, emissivity, temperature, flux, heat;
     /// they go before the scene's
@@ -107,7 +92,7 @@ pub(crate) struct Arguments {
     /// Exchange heat instead of light: emissivity and temperature to net flux
     #[arg(long, help_heading = "Materials")]
     pub(crate) thermal: bool,
-    /// What lies outside, for heat that leaves the scene, in kelvin, or as `20 °C` [default: 0, cold space]
+    /// Temperature of what lies outside, for heat that leaves the scene: kelvin, or as `20 °C` [default: 0, cold space]
     #[arg(
         long,
         value_name = "KELVIN",
@@ -116,8 +101,8 @@ pub(crate) struct Arguments {
         allow_hyphen_values = true,
         help_heading = "Materials"
     )]
-    pub(crate) ambient: Option<Temperature>,
-    /// The ground, for heat that leaves the scene below the horizon, by the sky rows of `hemicube sky --store`
+    pub(crate) sky_temperature: Option<Temperature>,
+    /// Temperature of the ground, for heat that leaves below the horizon; needs `hemicube sky SCENE --matrix DIR`
     #[arg(
         long,
         value_name = "KELVIN",
@@ -126,7 +111,7 @@ pub(crate) struct Arguments {
         allow_hyphen_values = true,
         help_heading = "Materials"
     )]
-    pub(crate) ground: Option<Temperature>,
+    pub(crate) ground_temperature: Option<Temperature>,
     /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
     #[arg(
         long,
@@ -140,51 +125,40 @@ pub(crate) struct Arguments {
         long,
         value_name = "gmres|gauss-seidel|jacobi",
         default_value = "gmres",
-        hide_possible_values = true
+        hide_possible_values = true,
+        hide_short_help = true
     )]
     pub(crate) method: MethodName,
-    /// GMRES begins anew after N iterations [default: 20]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=200), hide_short_help = true)]
-    pub(crate) restart: Option<u32>,
-    /// Relative residual to reach
-    #[arg(long, value_name = "T", default_value = "1e-6", value_parser = tolerance)]
-    pub(crate) tolerance: f64,
-    /// Products with the matrix before it gives up; exit 1
-    #[arg(long, value_name = "N", default_value = "500", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Relative residual at which the solver ends
+    #[arg(long, value_name = "X", default_value = "1e-6", value_parser = residual, hide_short_help = true)]
+    pub(crate) residual: f64,
+    /// Products with the matrix before it gives up, with exit 1
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "500",
+        value_parser = clap::value_parser!(u32).range(1..),
+        hide_short_help = true
+    )]
     pub(crate) max_iterations: u32,
     /// Take each row as it is stored, instead of one A_i F_ij of both rows for both directions of a pair
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     pub(crate) as_stored: bool,
     /// About how much memory to use; what of the matrix does not fit is read again each iteration
-    #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = bytes)]
+    #[arg(long, value_name = "SIZE", default_value = "1GB", value_parser = bytes, hide_short_help = true)]
     pub(crate) memory: u64,
     /// What the solution is called in the matrix's directory [default: radiosity, or thermal]
     #[arg(long, value_name = "NAME")]
-    pub(crate) name: Option<String>,
-    /// Write the solution to FILE too: .npz or .csv (repeatable)
+    pub(crate) solution: Option<String>,
+    /// Write the solution to FILE too (repeatable): .npz or .csv by patch; with `--by`, .csv or .json by surface
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
-    /// Show heat, flux and temperature by surface [default where properties are of objects, or with `--surfaces`: object;
-    /// with `--network`: its own]
-    #[arg(
-        long,
-        value_name = "object|material|face",
-        requires = "thermal",
-        hide_possible_values = true
-    )]
+    /// What a surface is, in the table and in files by surface [default: object]
+    #[arg(long, value_name = "object|material|face", hide_possible_values = true)]
     pub(crate) by: Option<surfaces::By>,
-    /// Solve for surfaces instead of patches, as textbooks do: each object, material or face has one radiosity, one
-    /// temperature, and form factors as a whole
-    #[arg(
-        long,
-        value_name = "object|material|face",
-        requires = "thermal",
-        hide_possible_values = true
-    )]
-    pub(crate) network: Option<surfaces::By>,
-    /// Write heat, flux and temperature by surface to FILE: .csv or .json (repeatable)
-    #[arg(long, value_name = "FILE", requires = "thermal")]
-    pub(crate) surfaces: Vec<PathBuf>,
+    /// Solve for the surfaces of `--by` instead of patches, as textbooks do: each has one radiosity and one temperature
+    #[arg(long, requires = "thermal")]
+    pub(crate) network: bool,
     /// Radiance of the sky: one row a right-hand side, a number for the ground and one for each patch of it (.npy)
     #[arg(
         long,
@@ -193,22 +167,9 @@ pub(crate) struct Arguments {
         help_heading = "Materials"
     )]
     pub(crate) sky_radiance: Option<PathBuf>,
-    /// The division of the sky that it is of [default: DIR/sky/sky.npz, from `hemicube sky --store`]
-    #[arg(long, value_name = "FILE.npz", help_heading = "Materials")]
+    /// The division of the sky that it is of [default: DIR/sky/sky.npz, from `hemicube sky --matrix`]
+    #[arg(long, value_name = "FILE.npz", help_heading = "Materials", hide_short_help = true)]
     pub(crate) sky: Option<PathBuf>,
-    /// Draw the solution: .png or .svg; needs `--scene`
-    #[arg(long, value_name = "FILE", requires = "scene")]
-    pub(crate) picture: Option<PathBuf>,
-    /// What colours the picture [default: radiosity; with `--thermal`: flux]
-    #[arg(
-        long,
-        value_name = "radiosity|irradiance|flux|temperature",
-        requires = "picture",
-        hide_possible_values = true
-    )]
-    pub(crate) show: Option<Shown>,
-    #[command(flatten)]
-    pub(crate) camera: Camera,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
@@ -224,9 +185,6 @@ impl Arguments {
             .reads(&self.sky_radiance)
             .reads(&self.sky)
             .writes("-o", &self.output, self.matrix.overwrite)
-            .writes("--surfaces", &self.surfaces, self.matrix.overwrite)
-            .writes("--picture", &self.picture, self.matrix.overwrite)
-            .reports(&self.report)
     }
 }
 
@@ -246,33 +204,9 @@ fn kelvin(text: &str) -> Result<Temperature, String> {
         .map_err(|_: String| "a temperature in kelvin, from 0 on, is needed, or one such as `20 °C`".to_owned())
 }
 
-/// Quantities that can colour a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Shown {
-    /// What leaves.
-    Radiosity,
-    /// What arrives.
-    Irradiance,
-    /// Their difference.
-    Flux,
-    /// Kelvin.
-    Temperature,
-}
-
-impl Shown {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Radiosity => "radiosity",
-            Self::Irradiance => "irradiance",
-            Self::Flux => "flux",
-            Self::Temperature => "temperature",
-        }
-    }
-}
-
-fn tolerance(text: &str) -> Result<f64, String> {
+fn residual(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(tolerance) if (1e-14..1.0).contains(&tolerance) => Ok(tolerance),
+        Ok(residual) if (1e-14..1.0).contains(&residual) => Ok(residual),
         _ => Err("a number from 1e-14 up to 1 is needed".to_owned()),
     }
 }
@@ -345,15 +279,11 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     for output in &arguments.output {
-        OutputFormat::of(output)?;
-    }
-    for file in &arguments.surfaces {
-        surfaces::Format::of(file)?;
-    }
-    if let Some(picture) = &arguments.picture {
-        PictureFormat::of(picture)?;
+        if !arguments.is_by_surface(output) {
+            OutputFormat::of(output)?;
+        }
     }
     arguments.require_quantities()?;
     report::require_matrix(&arguments.matrix.store)?;
@@ -381,7 +311,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         None => &stored,
     };
     let task = Task::new(arguments, (&store, factors), &table, &rows, talk)?;
-    let name = arguments.name.as_deref().unwrap_or(arguments.quantity().name);
+    let name = arguments.solution.as_deref().unwrap_or(arguments.quantity().name);
     let mut writer = SolutionWriter::create(&store, name, task.quantities(), task.rows)?;
     let mut record = task.record(arguments)?;
     let guard = exit::InterruptGuard::new();
@@ -393,20 +323,32 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let (path, _lock) = writer.finish(&serde_json::to_value(&record).context("the report is no JSON")?)?;
     drop(guard);
     let stored = StoredSolution::open(&store, name)?;
+    let light = match &task.kind {
+        Kind::Light(_) => Some(light::Results::new(arguments.by, &stored, &store, &table, &record.bands)?),
+        Kind::Heat(_) => None,
+    };
     for output in &arguments.output {
-        write_output(&stored, &store, &table, &record, output)?;
-    }
-    for file in &arguments.surfaces {
-        if let Some(results) = &record.by_surface {
-            results.write(file)?;
+        match (&record.by_surface, &light) {
+            (Some(results), _) if arguments.is_by_surface(output) => results.write(output)?,
+            (None, Some(light)) if arguments.is_by_surface(output) => light.write(output)?,
+            _ => write_output(&stored, &store, &table, &record, output)?,
         }
     }
-    draw_picture(arguments, &store, &stored, talk)?;
     let seconds = started.elapsed().as_secs_f64();
-    talk.say(text(&record, &store, &path, seconds).trim_end());
-    if let Some(results) = &record.by_surface {
-        talk.say(results.text().trim_end());
+    if !arguments.report.json {
+        let results = match (&record.by_surface, &light) {
+            (Some(results), _) => results.text(talk.verbose),
+            (None, Some(light)) => light.text(),
+            (None, None) => String::new(),
+        };
+        report::print(&(results + &energy(&record)))?;
     }
+    talk.detail(text(&record, &store, seconds).trim_end());
+    let matrix = crate::shell::word(store.directory());
+    talk.say(&format!(
+        "written: `{}`\nNext:\n  hemicube view model {matrix} --solution {name} -o {name}.png   # a picture",
+        path.display()
+    ));
     for warning in &record.warnings {
         talk.warn(warning);
     }
@@ -442,8 +384,6 @@ struct Quantity {
     kind: &'static str,
     /// Built-in name of the solution.
     name: &'static str,
-    /// On the picture.
-    shown: &'static str,
 }
 
 impl Arguments {
@@ -452,39 +392,33 @@ impl Arguments {
             Quantity {
                 kind: "heat",
                 name: "thermal",
-                shown: "flux",
             }
         } else {
             Quantity {
                 kind: "light",
                 name: "radiosity",
-                shown: "radiosity",
             }
         }
     }
 
-    /// Quantity on the picture.
-    fn shown(&self) -> &'static str {
-        self.show.map_or(self.quantity().shown, Shown::name)
-    }
-
-    /// Refuses a picture of what is not solved for, and a sky that nothing is asked of.
+    /// Refuses a sky that nothing is asked of.
     fn require_quantities(&self) -> Result<()> {
-        if let Some(shown @ (Shown::Flux | Shown::Temperature)) = self.show
-            && !self.thermal
-        {
-            bail!("`--show {}` is of heat; add `--thermal`", shown.name());
-        }
-        if self.sky.is_some() && self.sky_radiance.is_none() && self.ground.is_none() {
-            bail!("`--sky` divides the sky for `--sky-radiance` or `--ground`, and neither is given");
-        }
-        if self.restart.is_some() && self.method != MethodName::Gmres {
-            bail!("`--restart` is of `--method gmres`, and another method is asked for");
-        }
-        if self.thermal && self.picture.is_some() && self.camera.exposure != 0.0 {
-            bail!("`--exposure` is of pictures of light, and this one is of heat");
+        if self.sky.is_some() && self.sky_radiance.is_none() && self.ground_temperature.is_none() {
+            bail!("`--sky` divides the sky for `--sky-radiance` or `--ground-temperature`, and neither is given");
         }
         Ok(())
+    }
+
+    /// Returns whether a file is written by surface: a .json, and a .csv where surfaces are asked for.
+    fn is_by_surface(&self, output: &Path) -> bool {
+        let ends_in = |name: &str| output.extension().is_some_and(|end| end.eq_ignore_ascii_case(name));
+        ends_in("json") || ends_in("csv") && (self.by.is_some() || self.network)
+    }
+
+    /// The scene that properties are taken of: the one given; the matrix's own without any file of properties.
+    fn scene(&self, store: &Store) -> Option<PathBuf> {
+        let found = || stored::found_scene(store).filter(|_| self.materials.is_none());
+        self.scene.clone().or_else(found)
     }
 
     /// What of the matrix stands for a pair.
@@ -500,39 +434,34 @@ impl Arguments {
         SolveOptions {
             method: match self.method {
                 MethodName::Gmres => Method::Gmres {
-                    restart: self.restart.unwrap_or(RESTART),
+                    restart: RESTART,
                 },
                 MethodName::GaussSeidel => Method::GaussSeidel,
                 MethodName::Jacobi => Method::Jacobi,
             },
-            tolerance: self.tolerance,
+            tolerance: self.residual,
             max_iterations: self.max_iterations,
             threads: self.matrix.threads as usize,
         }
     }
 }
 
-/// Looks at the scene before anything is solved: warns of surfaces that face the wrong way, and refuses a picture of a
-/// scene that does not say where up is.
+/// Looks at the scene before anything is solved: warns of surfaces that face the wrong way.
 fn prepare_scene(arguments: &Arguments, store: &Store, talk: Talk) -> Result<()> {
-    let Some(scene) = &arguments.scene else { return Ok(()) };
+    let Some(scene) = arguments.scene(store) else { return Ok(()) };
     let engine = EngineSettings::default();
-    let prepared = stored::scene(store, scene, &engine, Limits::of(arguments.allow_large))?;
+    let prepared = stored::scene(store, &scene, &engine, Limits::of(arguments.allow_large))?;
     enclosure::warn_of_winding(&prepared, arguments.options().threads(), talk);
-    if arguments.picture.is_some() && arguments.camera.up.is_none() {
-        prepared.up(None)?;
-    }
     Ok(())
 }
 
 /// Prints the file of materials to begin with.
 fn print_materials(arguments: &Arguments, store: &Store, talk: Talk) -> Result<Exit> {
-    let (scene, file) = (arguments.scene.as_deref(), arguments.materials.as_deref());
     let properties = materials::read(
         store.manifest(),
         &store.patches()?,
-        scene,
-        file,
+        arguments.scene(store).as_deref(),
+        arguments.materials.as_deref(),
         arguments.allow_large,
         talk,
     )?;
@@ -540,23 +469,11 @@ fn print_materials(arguments: &Arguments, store: &Store, talk: Talk) -> Result<E
     Ok(Exit::Done)
 }
 
-fn draw_picture(arguments: &Arguments, store: &Store, stored: &StoredSolution, talk: Talk) -> Result<()> {
-    let (Some(picture), Some(scene)) = (&arguments.picture, &arguments.scene) else {
-        return Ok(());
-    };
-    let limits = Limits::of(arguments.allow_large);
-    let prepared = stored::scene(store, scene, &EngineSettings::default(), limits)?;
-    prepared.tell_up(arguments.camera.up, talk);
-    let values = model::of_solution(stored, arguments.shown())?;
-    let specular = stored::specular(store, &prepared)?;
-    model::draw(&prepared, &values, &arguments.camera, specular.as_ref(), None, picture)
-}
-
 /// Number of right-hand sides solved together: their vectors take half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
         + match arguments.method {
-            MethodName::Gmres => u64::from(arguments.restart.unwrap_or(RESTART)) + 2,
+            MethodName::Gmres => u64::from(RESTART) + 2,
             _ => 0,
         }
         + match arguments.reading() {
@@ -664,7 +581,7 @@ impl<'a> Task<'a> {
                     let enclosures = exchange.enclosures(factors, self.table, self.row_table, &found)?;
                     record.warnings = exchange.warnings(&enclosures);
                     record.energy_error = Some(enclosures.share());
-                    record.by_surface = exchange.by_surface(self.table, self.row_table, &found, enclosures);
+                    record.by_surface = Some(exchange.by_surface(self.table, self.row_table, &found, enclosures));
                     record.unsettled = exchange.unsettled(&found);
                     Ok((found.solution, balance, Some(found.temperature)))
                 }),
@@ -705,7 +622,7 @@ impl<'a> Task<'a> {
         let properties = materials::read(
             store.manifest(),
             table,
-            arguments.scene.as_deref(),
+            arguments.scene(store).as_deref(),
             arguments.materials.as_deref(),
             arguments.allow_large,
             talk,
@@ -977,7 +894,24 @@ fn write_csv(stored: &StoredSolution, store: &Store, table: &PatchTable, record:
     file.commit()
 }
 
-fn text(record: &Record, store: &Store, path: &Path, seconds: f64) -> String {
+/// How much of the energy the solution does not account for, in a line.
+fn energy(record: &Record) -> String {
+    let unaccounted = |balance: &EnergyBalance| balance.unaccounted().abs();
+    let worst = record.balance.iter().map(unaccounted).fold(0.0, f64::max);
+    let mut list = Listing::default();
+    list.add(
+        "energy error",
+        format!(
+            "{} of the energy put in is unaccounted for{}",
+            small_percent(worst),
+            if record.balance.len() > 1 { ", at most" } else { "" }
+        ),
+    );
+    list.text()
+}
+
+/// The solver's work, for `-v`.
+fn text(record: &Record, store: &Store, seconds: f64) -> String {
     let mut list = Listing::default();
     let method = match record.method {
         Method::Jacobi => "Jacobi".to_owned(),
@@ -1040,7 +974,6 @@ fn text(record: &Record, store: &Store, path: &Path, seconds: f64) -> String {
             ),
         );
     }
-    list.add("written", format!("`{}`", path.display()));
     if let Some(memory) = report::peak_memory_bytes() {
         list.add("memory", size(memory));
     }

@@ -44,8 +44,8 @@ use text::{Asked, text};
 use trial::{ForAllRows, Timed, Trial, mark_front};
 
 const EXAMPLES: &str = "  \
-  hemicube tradeoff city.obj --plot city.svg
-  hemicube tradeoff city.obj --tolerance 0.3% --sample-rows 64 --json=city.json";
+  hemicube tradeoff city.obj -o city.svg
+  hemicube tradeoff city.obj --tolerance 0.3% --rows 64 --json > city.json";
 
 /// Measure error against time on a scene and this machine, and recommend a setting
 #[derive(Args, Debug)]
@@ -58,15 +58,15 @@ pub(crate) struct Arguments {
     pub(crate) tolerance: Tolerance,
     /// How many random rows are measured
     #[arg(long, value_name = "N", default_value = "24", value_parser = clap::value_parser!(u32).range(2..=100_000))]
-    pub(crate) sample_rows: u32,
+    pub(crate) rows: u32,
     /// Which rows
     #[arg(long, value_name = "S", default_value = "1")]
     pub(crate) seed: u64,
     /// Draw error against time into FILE: .svg or .png
-    #[arg(long, value_name = "FILE")]
-    pub(crate) plot: Option<PathBuf>,
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
     /// Replace a file that is there
-    #[arg(long, requires = "plot")]
+    #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
@@ -83,8 +83,7 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
-            .writes("--plot", &self.plot, self.overwrite)
-            .reports(&self.report)
+            .writes("-o", &self.output, self.overwrite)
     }
 }
 
@@ -104,11 +103,11 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
     let Some(path) = arguments.scene.as_deref() else {
         bail!("a scene is needed")
     };
-    let plot = match &arguments.plot {
+    let plot = match &arguments.output {
         Some(file) => Some((Format::of(file)?, PendingFile::create(file)?)),
         None => None,
     };
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     let mut backend = arguments.engine.open_backend(talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let prepared = prepare(path, &arguments.patches, &arguments.engine, Work::Fractions)?;
@@ -127,10 +126,10 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
             .context("the picture cannot be written")?;
         file.commit()?;
     }
-    if !arguments.report.is_to_stdout() {
+    if !arguments.report.json {
         let asked = Asked {
             tolerance: arguments.tolerance.0,
-            sample_rows: arguments.sample_rows,
+            sample_rows: arguments.rows,
         };
         print(&text(&report, recommended.as_ref(), asked, path))?;
     }
@@ -225,7 +224,7 @@ fn measure(
 /// The sampled rows with a number of hemicubes a patch and a correction.
 fn plan_of(model: &Model, arguments: &Arguments, samples_per_edge: u32, correction: Correction) -> Plan {
     let choice = RowChoice::Sample {
-        count: arguments.sample_rows,
+        count: arguments.rows,
         seed: arguments.seed,
     };
     Plan::new(model, choice, Selection::default(), samples_per_edge, true).with_correction(correction)
@@ -379,7 +378,6 @@ fn scene_words(patches: &SceneSettings, engine: &EngineSettings) -> Vec<String> 
     let mut add = |name: &str, value: Option<String>| {
         words.extend(value.map(|value| format!("--{name} {value}")));
     };
-    add("subdivide", patches.subdivide.map(|levels| levels.to_string()));
     add("split", patches.split.map(|pieces| pieces.to_string()));
     add("patch-size", patches.patch_size.map(|length| length.to_string()));
     add(
@@ -587,15 +585,15 @@ mod tests {
             recommended(&[
                 "--tolerance",
                 "5%",
-                "--subdivide",
-                "2",
+                "--split",
+                "4",
                 "--scale",
                 "0.5",
                 "--keep-duplicates"
             ])
             .as_deref(),
             Some(
-                "hemicube compute 'x/a b.obj' -o 'a b.hemicube' --subdivide 2 --scale 0.5 --keep-duplicates \
+                "hemicube compute 'x/a b.obj' -o 'a b.hemicube' --split 4 --scale 0.5 --keep-duplicates \
                  --correction pixel --samples 1 --resolution 128"
             )
         );

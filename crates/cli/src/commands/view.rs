@@ -17,13 +17,13 @@ use clap::Subcommand;
 pub(crate) enum View {
     /// The unfolded hemicube of a patch: what it sees, how far that is, delta form factors, what lies behind
     #[command(
-        after_long_help = "Examples:\n  hemicube view hemicube room.obj --subdivide 3 --patch 100 --show depth -o \
+        after_long_help = "Examples:\n  hemicube view hemicube room.obj --split 8 --patch 100 --show depth -o \
                            depth.png\n  hemicube view hemicube room.obj --live"
     )]
     Hemicube(Box<hemicube::Arguments>),
     /// The model from a camera, in the colours of a solution, a row, the sky, or what is in sight
     #[command(
-        after_long_help = "Example:\n  hemicube view model room.hemicube room.obj --show row --patch 100 --eye \
+        after_long_help = "Example:\n  hemicube view model room.hemicube --show row --patch 100 --eye \
                            278,273,-800 -o row.png"
     )]
     Model(Box<model::Arguments>),
@@ -38,12 +38,12 @@ impl View {
         match self {
             Self::Hemicube(a) => Paths::default()
                 .reads([&a.scene])
-                .store(&a.store)
+                .store(&a.matrix)
                 .reads(&crate::portals::file_of(a.specular.as_ref()))
                 .writes("-o", &a.output, a.overwrite),
             Self::Model(a) => {
                 Paths::default()
-                    .reads([&a.scene])
+                    .reads(&a.scene)
                     .store([&a.store])
                     .writes("-o", [&a.output], a.overwrite)
             }

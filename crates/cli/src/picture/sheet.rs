@@ -78,7 +78,7 @@ impl Format {
             Some(extension) if extension == "svg" => Ok(Self::Svg),
             Some(extension) if extension == "png" => Ok(Self::Png),
             _ => bail!(
-                "`--plot {}`: a name that ends in .svg or .png is needed",
+                "`-o {}`: a name that ends in .svg or .png is needed",
                 path.display()
             ),
         }

@@ -115,6 +115,15 @@ pub(super) fn zones_of(table: &PatchTable, [objects, materials]: [&[String]; 2],
     (zones, zone_of)
 }
 
+/// The surfaces of a matrix's patches, in order of their first patch, without factors, and the surface of each patch.
+///
+/// # Errors
+/// [`Error::Unsupported`] for surfaces that cut across patches of several elements.
+pub fn surfaces_of(store: &Store, table: &PatchTable, by: GroupBy) -> Result<(Vec<Zone>, Vec<u32>)> {
+    require_kind(store, by)?;
+    Ok(zones_of(table, names_of(store.manifest()), by))
+}
+
 /// Names of objects and of materials.
 pub(super) fn names_of(manifest: &Manifest) -> [&[String]; 2] {
     [&manifest.objects, &manifest.materials]

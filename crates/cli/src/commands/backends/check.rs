@@ -64,7 +64,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        Paths::default().reports(&self.report)
+        Paths::default()
     }
 }
 
@@ -163,7 +163,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit> {
             "cases are called `scene/check`, such as `room/culling`; `--only 'room/*'` runs those of a scene",
         ));
     }
-    let json = JsonReport::open(&arguments.report)?;
+    let json = JsonReport::asked(&arguments.report);
     // The backend is never loaded into this process: its faults are results.
     let opened = match in_child(arguments, OPEN)?.0 {
         Answer::Opened(opened) => opened,

@@ -457,7 +457,7 @@ impl Bench<'_> {
             path.into_os_string(),
             "--split".into(),
             split.to_string().into(),
-            "--sample-rows".into(),
+            "--rows".into(),
             self.results.settings.sample_rows.to_string().into(),
             "--backend".into(),
             "cpu".into(),
@@ -533,7 +533,7 @@ impl Bench<'_> {
             process.arg("--backend-dir").arg(folder);
         }
         if rows < scene.target {
-            process.args(["--sample-rows", &rows.to_string()]);
+            process.args(["--rows", &rows.to_string()]);
         }
         let watched = match watch(process, self.cancel)? {
             Some(watched) => watched,

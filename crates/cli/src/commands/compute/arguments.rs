@@ -17,11 +17,11 @@ use std::path::PathBuf;
 #[command(override_usage = "hemicube compute [OPTIONS] SCENE [-o DIR]", after_long_help = examples(
     "  hemicube compute room.obj -o room.hemicube
   hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
-  hemicube compute city.obj -o city.hemicube --sample-rows 1% --seed 7
-  hemicube compute city.obj -o city.hemicube --shard 3/16    then: hemicube merge city.hemicube
-  hemicube compute house.obj -o house.hemicube --patches object     form factors between objects
+  hemicube compute city.obj -o sample.hemicube --rows 1% --seed 7
+  hemicube compute city.obj -o city.hemicube --shard 3/16     # then: hemicube merge city.hemicube
+  hemicube compute house.obj -o house.hemicube --by object    # form factors between objects
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
-  hemicube compute room.obj -o fine.hemicube --subdivide 4 --json=fine.json",
+  hemicube compute room.obj -o fine.hemicube --split 16 --json > fine.json",
     true,
 ))]
 pub(crate) struct Arguments {
@@ -66,20 +66,20 @@ pub(crate) struct Arguments {
         hide = true
     )]
     pub(crate) batch: u32,
-    /// Rows and columns: triangle, face, object or material
+    /// What has a row and a column
     #[arg(
-        long = "patches",
-        value_name = "KIND",
+        long = "by",
+        value_name = "triangle|face|object|material",
         default_value = "triangle",
         hide_possible_values = true,
         help_heading = "Rows and columns"
     )]
-    pub(crate) kind: Kind,
+    pub(crate) by: Kind,
     #[command(flatten)]
     pub(crate) selection: SelectionSettings,
     #[command(flatten)]
     pub(crate) portals: PortalSettings,
-    /// plain: f32, opens in SciPy; compact: a third to a quarter, F within 0.05 %; double: f64; auto: by size
+    /// plain: f32, 8 bytes an entry; compact: 2 to 4 bytes, F within 0.05 %; double: f64, 12 bytes; auto: compact from a million patches on
     #[arg(
         long,
         value_name = "auto|plain|compact|double",
@@ -87,8 +87,8 @@ pub(crate) struct Arguments {
         hide_possible_values = true,
         help_heading = "What is kept"
     )]
-    pub(crate) store: StoreForm,
-    /// Leave out form factors below F, 1e-7 from a million patches on; the others of a row share what they carried
+    pub(crate) form: StoreForm,
+    /// Leave out form factors below F and rescale the row [default: 0; 1e-7 from a million patches on]
     #[arg(
         long,
         value_name = "F",
@@ -121,7 +121,6 @@ impl Arguments {
             .reads(&self.portals.file())
             .makes(&self.output)
             .tells("--progress-file", &self.process.progress_file)
-            .reports(&self.report)
     }
 }
 

@@ -39,21 +39,14 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
     if !arguments.allow_incomplete {
         store.require_complete()?;
     }
-    if format.needs_corners() && arguments.scene.is_none() {
-        return Err(hinted(
-            anyhow!(
-                "`{}` needs the corners of the patches, which the matrix does not keep",
-                arguments.output().display()
-            ),
-            format!(
-                "name the scene's file with `--scene`: it was computed from `{}`",
-                store.manifest().scene.file
-            ),
-        ));
-    }
+    let scene = if format.needs_corners() {
+        Some(stored::scene_file(&store, arguments.scene.as_deref(), "`--scene SCENE`")?)
+    } else {
+        arguments.scene.clone()
+    };
     let mut results = read(&store, arguments, talk)?;
     let mut of_line = "patch";
-    if let Some(path) = &arguments.scene {
+    if let Some(path) = &scene {
         let prepared = stored::scene(
             &store,
             path,

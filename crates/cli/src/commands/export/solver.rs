@@ -5,25 +5,54 @@ use crate::args::Talk;
 use crate::exit::{Exit, hinted};
 use crate::report::{self, JsonReport, SCHEMA, count, counted, size};
 use anyhow::{Context, Result, anyhow};
-use clap::builder::{PossibleValue, PossibleValuesParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command};
 use hemicube::store::Store;
 use hemicube_export::{Error, Grouping, SolverFormat, SolverOptions, SolverReport, export_for};
 use serde::Serialize;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// Bytes of a file of an order, at most: a name of 100 characters for each of 10⁷ faces.
 const ORDER_BYTES_MAX: u64 = 1 << 30;
 
-/// The solvers, for `--for`.
-pub(super) fn names() -> PossibleValuesParser {
-    let named = |format: &SolverFormat| PossibleValue::new(format.label()).help(format.about());
-    SolverFormat::ALL.iter().map(named).collect::<Vec<_>>().into()
+/// The solvers, for `--for`: a name, or a name and a version, `calculix:2.21`.
+#[derive(Clone)]
+pub(super) struct Programs(PossibleValuesParser);
+
+impl Programs {
+    pub(super) fn parser() -> Self {
+        let named = |format: &SolverFormat| PossibleValue::new(format.label()).help(format.about());
+        Self(SolverFormat::ALL.iter().map(named).collect::<Vec<_>>().into())
+    }
+}
+
+impl TypedValueParser for Programs {
+    type Value = String;
+
+    fn parse_ref(&self, command: &Command, argument: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+        let text = value.to_string_lossy();
+        self.0.parse_ref(command, argument, named(&text).0.as_ref())?;
+        Ok(text.into_owned())
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        self.0.possible_values()
+    }
+}
+
+/// Name and version of `--for`.
+fn named(program: &str) -> (&str, Option<&str>) {
+    match program.split_once(':') {
+        Some((name, version)) => (name, Some(version)),
+        None => (program, None),
+    }
 }
 
 /// The files that OUT stands for, if it stands for others than itself.
 pub(super) fn files(arguments: &Arguments) -> Option<Vec<PathBuf>> {
     let output = arguments.output();
-    match SolverFormat::named_as(arguments.program.as_deref()?)? {
+    match SolverFormat::named_as(named(arguments.program.as_deref()?).0)? {
         SolverFormat::OpenFoam => Some(["F", "globalFaceFaces", "mapDist"].map(|name| output.join(name)).into()),
         SolverFormat::Udales => {
             let name = output.file_name()?.to_string_lossy().replace("vfsparse", "svf");
@@ -67,14 +96,15 @@ fn order(path: &Path) -> Result<Vec<String>> {
 }
 
 pub(super) fn run(arguments: &Arguments, program: &str, json: Option<JsonReport>, talk: Talk) -> Result<Exit> {
+    let (program, version) = named(program);
     let Some(format) = SolverFormat::named_as(program) else {
         return Err(anyhow!("there is no solver `{program}`"));
     };
     for (name, given, wanted) in [
         ("--zone", arguments.zone.is_some(), format == SolverFormat::EnergyPlus),
         (
-            "--program-version",
-            arguments.program_version.is_some(),
+            ":VERSION",
+            version.is_some(),
             matches!(format, SolverFormat::EnergyPlus | SolverFormat::Calculix),
         ),
     ] {
@@ -93,7 +123,7 @@ pub(super) fn run(arguments: &Arguments, program: &str, json: Option<JsonReport>
             grouping: arguments.by.map(|by| Grouping::By(by.into())),
             order: order.as_deref(),
             zone: arguments.zone.as_deref(),
-            version: arguments.program_version.as_deref(),
+            version,
             write,
         };
         export_for(&store, arguments.output(), format, &options)

@@ -15,15 +15,25 @@ const EXAMPLES_SHOWN: usize = 3;
 /// Columns of a broken sentence.
 const WIDTH: usize = 100;
 
-pub(super) fn text(report: &Report) -> String {
+/// The verdict and the forecast, a line a finding, and the scene; with `is_verbose` the worst of each finding, and what
+/// the sampled hemicubes saw.
+pub(super) fn text(report: &Report, is_verbose: bool) -> String {
     let mut list = Listing::default();
-    add_scene(&mut list, report);
-    add_size(&mut list, report);
-    add_patches(&mut list, report);
-    let forecast = &report.forecast;
+    list.add("verdict", verdict(report));
+    add_cost(&mut list, report);
     let mut text = list.text();
     text.push_str(&enclosure_text(&report.enclosure));
-    text.push_str(&findings_text(&report.diagnosis));
+    text.push_str(&findings_text(&report.diagnosis, is_verbose));
+    text.push('\n');
+    let mut list = Listing::default();
+    add_scene(&mut list, report);
+    add_size(&mut list, report, is_verbose);
+    add_patches(&mut list, report, is_verbose);
+    text.push_str(&list.text());
+    if !is_verbose {
+        return text;
+    }
+    let forecast = &report.forecast;
     text.push_str(&format!(
         "\nFrom the hemicubes of {} (resolution {}, {} a patch):\n",
         counted(forecast.sampled_rows as u64, "random patch"),
@@ -32,10 +42,32 @@ pub(super) fn text(report: &Report) -> String {
     ));
     let mut list = Listing::default();
     add_views(&mut list, report);
-    add_cost(&mut list, report);
     text.push_str(&list.text());
     text.push_str(&slimmest(report));
     text
+}
+
+/// What is wrong with the scene, in a line.
+fn verdict(report: &Report) -> String {
+    let patches = counted(report.patches.count as u64, "patch");
+    let enclosure = &report.enclosure;
+    let mut wrong = Vec::new();
+    if !enclosure.sentences.is_empty() {
+        wrong.push("surfaces wound the wrong way".to_owned());
+    }
+    if !enclosure.leaks_said.is_empty() {
+        wrong.push(counted(enclosure.enclosure.leaks.len() as u64 + enclosure.enclosure.leaks_more, "leak"));
+    }
+    match report.diagnosis.findings.len() {
+        0 => {}
+        1 => wrong.push("1 kind of doubtful patch".to_owned()),
+        kinds => wrong.push(format!("{kinds} kinds of doubtful patches")),
+    }
+    if wrong.is_empty() {
+        format!("{patches}; nothing found that would spoil form factors")
+    } else {
+        format!("{patches}; {}", wrong.join(", "))
+    }
 }
 
 /// Adds the file, its triangles, and the dropped or odd ones among them.
@@ -73,7 +105,7 @@ fn add_scene(list: &mut Listing, report: &Report) {
 }
 
 /// Adds extent, unit, area and edges.
-fn add_size(list: &mut Listing, report: &Report) {
+fn add_size(list: &mut Listing, report: &Report, is_verbose: bool) {
     let scene = &report.scene;
     if let Some([low, high]) = scene.bounds {
         let extent: Vec<String> = low.iter().zip(high).map(|(low, high)| figures(high - low)).collect();
@@ -103,7 +135,7 @@ fn add_size(list: &mut Listing, report: &Report) {
         ),
     );
     list.add("edges", edges(&scene.edges, scene.closed));
-    if scene.welded_edges.boundary < scene.edges.boundary {
+    if is_verbose && scene.welded_edges.boundary < scene.edges.boundary {
         let cracks = scene.edges.boundary - scene.welded_edges.boundary;
         list.add(
             "",
@@ -127,7 +159,7 @@ fn add_size(list: &mut Listing, report: &Report) {
 }
 
 /// Adds patches and octree.
-fn add_patches(list: &mut Listing, report: &Report) {
+fn add_patches(list: &mut Listing, report: &Report, is_verbose: bool) {
     let patches = &report.patches;
     list.add(
         "patches",
@@ -139,6 +171,9 @@ fn add_patches(list: &mut Listing, report: &Report) {
             figures(patches.area_max)
         ),
     );
+    if !is_verbose {
+        return;
+    }
     let octree = &report.octree;
     list.add(
         "octree",
@@ -213,18 +248,14 @@ fn add_cost(list: &mut Listing, report: &Report) {
         None,
     );
     let on_disk = match keep.form {
-        Form::Plain | Form::Double => format!("{} on disk ({} with `--store compact`)", size(bytes), size(compact)),
+        Form::Plain | Form::Double => format!("{} on disk ({} with `--form compact`)", size(bytes), size(compact)),
         Form::Compact => format!(
-            "less than {} on disk without form factors below {:e} ({} with `--store plain --min-factor 0`)",
+            "less than {} on disk without form factors below {:e} ({} with `--form plain --min-factor 0`)",
             size(compact),
             keep.min_factor,
             size(bytes)
         ),
     };
-    list.add(
-        "all rows",
-        format!("about {} entries, {on_disk}", about(forecast.entries)),
-    );
     if let Some(seconds) = forecast.seconds {
         let device = format!(
             "{} with {}",
@@ -239,12 +270,16 @@ fn add_cost(list: &mut Listing, report: &Report) {
             Some([least, most]) if most > WIDE * least => format!("{} to {}", duration(least), duration(most)),
             _ => format!("about {}", duration(seconds)),
         };
-        list.add("", format!("{time} on {device}{memory}"));
+        list.add("compute", format!("takes {time} on {device}{memory}"));
         if forecast.met_bound {
             let rows = counted(forecast.measured_rows as u64, "row");
-            list.add("", format!("by {rows} only: such rows take long"));
+            list.add("", format!("measured on {rows} only, for rows like these take long"));
         }
     }
+    list.add(
+        if forecast.seconds.is_some() { "" } else { "compute" },
+        format!("about {} entries, {on_disk}", about(forecast.entries)),
+    );
 }
 
 /// The slimmest triangles, unless they are among the findings.
@@ -300,19 +335,40 @@ fn enclosure_text(report: &EnclosureReport) -> String {
 }
 
 /// Defects that spoil form factors; empty without any.
-fn findings_text(diagnosis: &DiagnosisReport) -> String {
+fn findings_text(diagnosis: &DiagnosisReport, is_verbose: bool) -> String {
     if diagnosis.findings.is_empty() {
         return String::new();
     }
+    if !is_verbose {
+        let mut list = Listing::default();
+        for report in &diagnosis.findings {
+            list.add(&format!("  {}", report.finding.kind.name()), sentence(report));
+        }
+        return format!(
+            "\nDoubtful patches (`-v` shows the worst of each, and what helps):\n{}",
+            list.text()
+        );
+    }
     let findings: String = diagnosis.findings.iter().map(finding_text).collect();
-    format!("\nWhat would spoil form factors:\n{findings}")
+    format!("\nDoubtful patches:\n{findings}")
+}
+
+/// How many there are of a finding, and what is wrong with them.
+fn sentence(report: &FindingReport) -> String {
+    let finding = &report.finding;
+    let number = whole::to_u64(finding.estimate.round());
+    format!(
+        "{}{} {}",
+        if finding.is_estimate() { "about " } else { "" },
+        pairs(finding.kind, number, finding.is_estimate()),
+        report.meaning,
+    )
 }
 
 /// A finding: how many, the worst examples, and the next step.
 fn finding_text(report: &FindingReport) -> String {
     let finding = &report.finding;
     let kind = finding.kind;
-    let number = whole::to_u64(finding.estimate.round());
     let mut list = Listing::default();
     if finding.is_estimate() {
         list.add(
@@ -355,11 +411,9 @@ fn finding_text(report: &FindingReport) -> String {
         list.add(if number == 0 { "    try" } else { "" }, line);
     }
     format!(
-        "\n  {}: {}{} {}\n{}",
+        "\n  {}: {}\n{}",
         kind.name(),
-        if finding.is_estimate() { "about " } else { "" },
-        pairs(kind, number, finding.is_estimate()),
-        report.meaning,
+        sentence(report),
         list.text()
     )
 }

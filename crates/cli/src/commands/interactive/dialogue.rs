@@ -287,7 +287,7 @@ impl Dialogue<'_> {
                 }
                 Some(Look::Export) => {
                     if let Some((matrix, replaces)) = self.file(&file(&format!(".{extension}")))? {
-                        let line = self.line("export").with_path(store).with_path(&matrix);
+                        let line = self.line("export").with_path(store).with("-o").with_path(&matrix);
                         self.go(&if replaces { line.with("--overwrite") } else { line })?;
                     }
                 }
@@ -720,9 +720,8 @@ impl Dialogue<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command_line::Cli;
+    use crate::command_line::definition;
     use Say::{Esc, Pick, Type};
-    use clap::CommandFactory;
     use std::collections::VecDeque;
 
     /// An answer.
@@ -830,7 +829,7 @@ mod tests {
             run: &mut kept,
             program: "hemicube".into(),
             common: Vec::new(),
-            settings: Settings::with(Cli::command(), false).expect("settings"),
+            settings: Settings::with(definition(), false).expect("settings"),
             here: here.to_owned(),
             scenes: None,
             scenes_are_chosen: false,
@@ -878,16 +877,16 @@ mod tests {
                 Pick("Change configuration"),
                 Pick("correction"),
                 Pick("pixel"),
-                Pick("octree-levels"),
-                Type("22"),
-                Type("5"),
+                Pick("threads"),
+                Type("-1"),
+                Type("2"),
                 Pick("Back"),
                 Pick("Compute form factors"),
                 Pick("it's.obj"),
                 Pick("Another name"),
                 Type(""),
                 Pick("Change the configuration"),
-                Pick("octree-levels"),
+                Pick("threads"),
                 Type("default"),
                 Esc,
                 Pick("Run it"),
@@ -903,7 +902,7 @@ mod tests {
             [
                 "hemicube compute high.ac -o high.hemicube",
                 "hemicube compare high.hemicube high.npz",
-                "hemicube export high.hemicube high.npz --overwrite",
+                "hemicube export high.hemicube -o high.npz --overwrite",
                 r"hemicube compute 'it'\''s.obj' -o 'it'\''s.hemicube' --correction pixel",
                 r"hemicube report 'it'\''s.hemicube' 'it'\''s.obj' -o 'it'\''s.html'",
                 "hemicube inspect cubitos.ac --correction pixel",
@@ -918,11 +917,11 @@ mod tests {
              4 - Another file…\n5 - Back",
             "`missing.npz` does not exist",
             "high.npz is there already",
-            "--octree-levels <auto|N>\nDeepest level of the octree, up to 21. Rows are the same",
-            "invalid value '22' for '--octree-levels <auto|N>'",
+            "--threads <N>\nWorker threads; 0: one for each core",
+            "invalid value '-1' for '--threads <N>'",
             "correction      pixel*",
             // Shown before it is run, and again when the configuration changes it.
-            r"$ hemicube compute 'it'\''s.obj' -o 'it'\''s.hemicube' --correction pixel --octree-levels 5",
+            r"$ hemicube compute 'it'\''s.obj' -o 'it'\''s.hemicube' --correction pixel --threads 2",
         ] {
             assert!(seen.contains(words), "`{words}` is not in: {seen}");
         }

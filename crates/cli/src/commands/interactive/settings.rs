@@ -21,7 +21,7 @@ pub(super) struct Offered {
 }
 
 /// In the order of the menu. Figures are from `docs/dev/accuracy.md` and `docs/store.md`.
-pub(super) const OFFERED: [Offered; 11] = [
+pub(super) const OFFERED: [Offered; 9] = [
     Offered {
         name: "tolerance",
         note: "the error to aim at: 1%, 0.3%",
@@ -44,24 +44,14 @@ pub(super) const OFFERED: [Offered; 11] = [
         cost: "Of sums of pixels. 4 take two to four times as long as 1, and see what the middle of a patch does not.",
     },
     Offered {
-        name: "subdivide",
-        note: "halve edges: 4 times the patches",
-        cost: "Each level is 4 times the rows and up to 16 times the entries: time, and room on the disk.",
+        name: "split",
+        note: "cut edges in K pieces: K² times the patches",
+        cost: "2 is 4 times the rows and up to 16 times the entries: time, and room on the disk.",
     },
     Offered {
         name: "backend",
         note: "what renders",
         cost: "cpu is built in; others are plugins, for graphics cards.",
-    },
-    Offered {
-        name: "octree-levels",
-        note: "deepest level of the octree",
-        cost: "A parameter of the thesis, for culling on graphics cards: it changes the time, not the matrix.",
-    },
-    Offered {
-        name: "min-patches",
-        note: "patches that a node is not divided for",
-        cost: "The thesis's MinParches: it changes the time, not the matrix.",
     },
     Offered {
         name: "culling",
@@ -74,7 +64,7 @@ pub(super) const OFFERED: [Offered; 11] = [
         cost: "More take less time and more memory; the matrix is the same.",
     },
     Offered {
-        name: "store",
+        name: "form",
         note: "how the matrix is written",
         cost: "compact takes a third to a quarter of the disk, and other programs need ten lines to read it. auto: \
                from a million patches on.",
@@ -293,7 +283,7 @@ fn present(definition: &Command, chosen: &BTreeMap<&'static str, String>, files:
     let command = definition.find_subcommand("compute").cloned().unwrap_or_default();
     let mut line: Vec<OsString> = ["hemicube", "compute", "--print-config"].map(OsString::from).into();
     if !files {
-        line.push("--no-config".into());
+        line.push("--config=none".into());
     }
     line.extend(words(chosen, &command));
     let first = definition.clone().try_get_matches_from(&line)?;
@@ -313,11 +303,10 @@ fn present(definition: &Command, chosen: &BTreeMap<&'static str, String>, files:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command_line::Cli;
-    use clap::CommandFactory;
+    use crate::command_line::definition;
 
     fn settings() -> Settings {
-        Settings::with(Cli::command(), false).expect("settings")
+        Settings::with(definition(), false).expect("settings")
     }
 
     #[test]
@@ -374,13 +363,13 @@ mod tests {
         settings.choose("tolerance", "1%").expect("it is a value");
         assert_eq!(line(&settings, "compute"), "--tolerance 1%");
         assert_eq!(settings.value("correction"), Some("tolerance"));
-        settings.choose("store", "compact").expect("it is a value");
+        settings.choose("form", "compact").expect("it is a value");
         assert_eq!(
             line(&settings, "inspect"),
             "--tolerance 1%",
-            "`inspect` has no `--store`"
+            "`inspect` has no `--form`"
         );
-        settings.choose("store", "auto").expect("it is a value");
+        settings.choose("form", "auto").expect("it is a value");
         assert_eq!(line(&settings, "compute"), "--tolerance 1%");
         settings.clear().expect("all go");
         assert_eq!(line(&settings, "compute"), "");

@@ -71,8 +71,8 @@ pub(super) fn require(arguments: &Arguments) -> Result<()> {
             ));
         }
     }
-    if arguments.column.is_some() && !arguments.output.iter().any(|path| PictureFormat::of(path).is_ok()) {
-        bail!("`--column` is of a picture, and no `-o` ends in .png or .svg");
+    if arguments.show.is_some() && !arguments.output.iter().any(|path| PictureFormat::of(path).is_ok()) {
+        bail!("`--show` is of a picture, and no `-o` ends in .png or .svg");
     }
     Ok(())
 }
@@ -219,14 +219,14 @@ enum Column {
 
 impl Column {
     fn of(arguments: &Arguments, groups: &Groups, has_heat: bool) -> Result<Self> {
-        match arguments.column.as_deref() {
+        match arguments.show.as_deref() {
             None if has_heat => Ok(Self::Temperature),
             None | Some("sky") => Ok(Self::Sky),
             Some("ground") => Ok(Self::Ground),
             Some("blocked") => Ok(Self::Blocked),
             Some("mrt") if has_heat => Ok(Self::Temperature),
             Some("mrt") => Err(hinted(
-                anyhow!("`--column mrt` needs radiosities"),
+                anyhow!("`--show mrt` needs radiosities"),
                 "`--solution DIR` has them, and `--temperatures FILE` those of black surfaces",
             )),
             Some(name) => match (0..)
@@ -235,7 +235,7 @@ impl Column {
             {
                 Some((group, _)) => Ok(Self::Group(group)),
                 None => Err(hinted(
-                    anyhow!("`--column {name}` is neither sky, ground, blocked, mrt nor a column of the table"),
+                    anyhow!("`--show {name}` is neither sky, ground, blocked, mrt nor a column of the table"),
                     format!(
                         "there are {} columns by `--by`; `hemicube inspect` names them",
                         count(groups.names.len() as u64)
@@ -272,7 +272,7 @@ impl Column {
 /// Refuses a column that does not exist, before anything is computed.
 ///
 /// # Errors
-/// When `--column` names nothing.
+/// When `--show` names nothing.
 pub(super) fn require_column(arguments: &Arguments, groups: &Groups, has_heat: bool) -> Result<()> {
     Column::of(arguments, groups, has_heat).map(|_| ())
 }

@@ -106,8 +106,8 @@ pub(super) struct Exchange {
     heat: Heat,
     ambient: f64,
     ground: Option<f64>,
-    /// Grouping of the results by surface, where they are asked for.
-    by: Option<By>,
+    /// Grouping of the results by surface.
+    by: By,
     /// Surfaces of one radiosity in place of patches.
     network: Option<(Network, Heat)>,
     manifest: Manifest,
@@ -129,8 +129,8 @@ impl Exchange {
     ) -> Result<Self> {
         let thermal = properties.thermal().map_err(materials::told)?;
         let mut heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, rows)?;
-        let ambient = arguments.ambient.map_or(0.0, hemicube::solve::Temperature::kelvin);
-        let ground = arguments.ground.map(hemicube::solve::Temperature::kelvin);
+        let ambient = arguments.sky_temperature.map_or(0.0, hemicube::solve::Temperature::kelvin);
+        let ground = arguments.ground_temperature.map(hemicube::solve::Temperature::kelvin);
         match ground {
             None => heat.surround(&[(ambient, &rows.escaped)]),
             Some(ground) => {
@@ -141,23 +141,19 @@ impl Exchange {
             }
         }
         let of_scene = properties.emissivities_of_scene();
-        let is_asked = arguments.by.is_some() || !arguments.surfaces.is_empty() || arguments.network.is_some();
-        let is_new = is_asked || properties.has_objects() || heat.is_mixed() || ground.is_some() || of_scene.is_some();
-        let by = match (arguments.by.or(arguments.network), store.manifest().patch_kind()) {
-            (None, _) if !is_new => None,
-            (None, PatchKind::Material) => Some(By::Material),
-            (None, PatchKind::Triangle | PatchKind::Face) if !is_asked && !properties.has_objects() => {
-                Some(By::Material)
-            }
-            (given, _) => Some(given.unwrap_or(By::Object)),
+        let is_asked = arguments.by.is_some()
+            || arguments.network
+            || arguments.output.iter().any(|output| arguments.is_by_surface(output));
+        let by = match (arguments.by, store.manifest().patch_kind()) {
+            (None, PatchKind::Material) => By::Material,
+            (None, PatchKind::Triangle | PatchKind::Face) if !is_asked && !properties.has_objects() => By::Material,
+            (given, _) => given.unwrap_or(By::Object),
         };
-        if let Some(by) = by {
-            require_kind(store, by.group())?;
-        }
+        require_kind(store, by.group())?;
         let manifest = store.manifest().clone();
         let network = match arguments.network {
-            None => None,
-            Some(by) => {
+            false => None,
+            true => {
                 let network = Network::new(store, Some(by.group()), arguments.reading())?;
                 let of_surfaces = network.heat(&heat).map_err(|name| {
                     hinted(
@@ -206,7 +202,10 @@ impl Exchange {
                 cold.push(format!("{} K of {}", given.kelvin(), kind.shown()));
             }
         }
-        for (given, name) in [(arguments.ambient, "--ambient"), (arguments.ground, "--ground")] {
+        for (given, name) in [
+            (arguments.sky_temperature, "--sky-temperature"),
+            (arguments.ground_temperature, "--ground-temperature"),
+        ] {
             if let Some(given) = given.filter(|given| !given.is_celsius())
                 && given.kelvin() > 0.0
                 && given.kelvin() < Temperature::COLD
@@ -221,10 +220,10 @@ impl Exchange {
             talk.warn(&question);
         }
         let share = open_share(rows, &table.area);
-        if let Some(share) = share.filter(|_| arguments.ambient.is_none()) {
+        if let Some(share) = share.filter(|_| arguments.sky_temperature.is_none()) {
             talk.warn(&format!(
-                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--ambient KELVIN` \
-                 says how warm it is, and `--ambient 0` that it is cold space",
+                "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--sky-temperature \
+                 KELVIN` says how warm it is (0: cold space)",
                 percent(share)
             ));
         }
@@ -367,13 +366,13 @@ impl Exchange {
     /// What is to be told of heat of which too little is known.
     pub(super) fn warnings(&self, enclosures: &EnclosuresOfHeat) -> Vec<String> {
         let why = match self.reading {
-            Reading::Pairs => "rows of the matrix do not sum to 1",
+            Reading::Pairs => "rows of the matrix do not close",
             Reading::AsStored => "A[i] F[i, j] is not A[j] F[j, i] in the matrix as it is stored",
         };
         let told = enclosures.unsure().map(|(what, error)| {
             format!(
-                "the heat of {what} is known within {} only, {} W of {}: {why}; `hemicube balance {} -o OUT \
-                 --reciprocity --closure` closes it, and a smaller `--tolerance` of `compute` measures it",
+                "the heat of {what} is known within {} only, {} W of {}: {why}; `hemicube balance {} -o OUT` \
+                 closes it, and a smaller `--tolerance` of `compute` measures it",
                 percent(error.share()),
                 figures(error.error),
                 figures(error.heat),
@@ -383,15 +382,15 @@ impl Exchange {
         told.collect()
     }
 
-    /// Results by surface, where they are asked for.
+    /// Results by surface.
     pub(super) fn by_surface(
         &self,
         table: &PatchTable,
         rows: &RowTable,
         found: &HeatSolution,
         enclosures: EnclosuresOfHeat,
-    ) -> Option<Results> {
-        let by = self.by?;
+    ) -> Results {
+        let by = self.by;
         let temperature: Vec<f64> = (found.temperature.iter().enumerate())
             .map(|(patch, &kelvin)| {
                 let is_open = self.undetermined.patches.get(patch).copied().unwrap_or(false);
@@ -402,11 +401,9 @@ impl Exchange {
         let of = self.tables(table, rows);
         let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
         let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
-        Some(
-            Results::new(by, self.reading, surfaces, balance, enclosures)
-                .with_residual(residual)
-                .with_emissivities(self.of_scene),
-        )
+        Results::new(by, self.reading, surfaces, balance, enclosures)
+            .with_residual(residual)
+            .with_emissivities(self.of_scene)
     }
 }
 
@@ -445,9 +442,9 @@ fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Resul
         Some(path) => path.clone(),
         None => stored::sky(store).map_err(|error| {
             hinted(
-                error.context("`--ground` needs to know what leaves the scene below the horizon"),
+                error.context("`--ground-temperature` needs to know what leaves the scene below the horizon"),
                 format!(
-                    "`hemicube sky SCENE --store {}` computes it, with `--up` where the scene does not say",
+                    "`hemicube sky SCENE --matrix {}` computes it, with `--up` where the scene does not say",
                     store.directory().display()
                 ),
             )

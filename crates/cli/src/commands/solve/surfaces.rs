@@ -13,7 +13,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// Surfaces in the table on the terminal; the others are in the files.
-const SURFACES_SHOWN: usize = 40;
+pub(super) const SURFACES_SHOWN: usize = 40;
 /// Heat below this part of all that flows is shown as 0.
 const ROUNDING: f64 = 1e-6;
 /// Likewise below the residual of the iteration, and this, in all that surfaces send.
@@ -44,7 +44,7 @@ impl By {
         }
     }
 
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Object => "object",
             Self::Material => "material",
@@ -66,7 +66,7 @@ impl Format {
             Some(extension) if extension == "csv" => Ok(Self::Csv),
             Some(extension) if extension == "json" => Ok(Self::Json),
             _ => bail!(
-                "`--surfaces {}`: a name that ends in .csv or .json is needed",
+                "`-o {}`: a name that ends in .csv or .json is needed",
                 path.display()
             ),
         }
@@ -204,8 +204,8 @@ impl Results {
         self
     }
 
-    /// The table and what it adds up to.
-    pub(super) fn text(&self) -> String {
+    /// The table, what it adds up to, and what is not known of it; enclosures where there are several, or all is wanted.
+    pub(super) fn text(&self, is_verbose: bool) -> String {
         let mut places: Vec<usize> = (0..self.surfaces.len()).collect();
         if places.len() > SURFACES_SHOWN {
             // Most heat first, and then in the file's order again.
@@ -250,15 +250,16 @@ impl Results {
                 five(surface.radiosity),
             ]
         });
-        let mut text = format!("\n{}\n", table(headings, rows));
+        let mut text = format!("{}\n", table(headings, rows));
         let mut list = Listing::default();
         let left_out = self.surfaces.len() - places.len();
         if left_out > 0 {
             list.add(
                 "surfaces",
                 format!(
-                    "{} with less heat are left out; `--surfaces FILE.csv` has all",
-                    count(left_out as u64)
+                    "{} with less heat are not shown; `--by {} -o FILE.csv` has all",
+                    count(left_out as u64),
+                    self.by.name()
                 ),
             );
         }
@@ -277,7 +278,8 @@ impl Results {
                 ),
             );
         }
-        for (at, enclosure) in self.enclosures.iter().enumerate().take(ENCLOSURES_SHOWN) {
+        let told = if self.enclosures.len() > 1 || is_verbose { ENCLOSURES_SHOWN } else { 0 };
+        for (at, enclosure) in self.enclosures.iter().enumerate().take(told) {
             list.add(&format!("enclosure {}", at + 1), enclosure.text());
         }
         if self.enclosures.len() > ENCLOSURES_SHOWN {
@@ -306,15 +308,15 @@ impl Results {
             );
         }
         format!(
-            "{} W given off, {} W taken up, {} W to the surroundings; error {} W, {} at most: {}",
+            "{} W given off, {} W taken up, {} W to the surroundings; known within {} W ({}), by {}",
             five(given_off),
             five(-taken_up),
             five(surroundings),
             five(self.error),
             percent(self.relative_error),
             match self.reading {
-                Reading::Pairs => "rows do not sum to 1",
-                Reading::AsStored => "A[i] F[i, j] is not A[j] F[j, i]",
+                Reading::Pairs => "the closure of rows",
+                Reading::AsStored => "the reciprocity of the matrix as stored",
             }
         )
     }
@@ -461,7 +463,7 @@ fn enclosures_of(
 }
 
 /// A name for people.
-fn name_of(name: &str) -> String {
+pub(super) fn name_of(name: &str) -> String {
     if name.is_empty() {
         "(without a name)".to_owned()
     } else {
@@ -470,7 +472,7 @@ fn name_of(name: &str) -> String {
 }
 
 /// Formats five significant figures, without an exponent if readable.
-fn five(value: f64) -> String {
+pub(super) fn five(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude == 0.0 || !magnitude.is_finite() {
         return if value == 0.0 {
@@ -524,7 +526,7 @@ mod tests {
             EnclosuresOfHeat::default(),
         );
         assert!(results.sum().contains("2.0000 W given off"), "{}", results.sum());
-        let text = results.text();
+        let text = results.text(false);
         assert!(text.contains("wall, 49") && !text.contains("wall, 9 ") && text.contains("10 with less heat"));
         let csv = results.csv();
         assert!(csv.contains("\n\"wall, 3\",1,1,3,3,,,,,0,0\n") && csv.ends_with("(surroundings),,,-2,,,,,,,\n"));

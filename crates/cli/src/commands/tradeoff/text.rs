@@ -131,7 +131,7 @@ fn recommendation_text(report: &Report, best: &Recommendation, asked: Asked) -> 
     ));
     if best.error_of_matrix > asked.tolerance {
         text.push_str(&format!(
-            "From these rows alone, the matrix may be off by up to {} %; `--sample-rows {}` tells more\n",
+            "From these rows alone, the matrix may be off by up to {} %; `--rows {}` tells more\n",
             hundredths(best.error_of_matrix),
             4 * asked.sample_rows
         ));

@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     /// Replace a file that is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// The patch on which the hemicube stands; with --live the first one; of several triangles (`--store`) the one
+    /// The patch on which the hemicube stands; with --live the first one; of several triangles (`--matrix`) the one
     /// nearest the centroid
     #[arg(long, value_name = "I", required_unless_present = "live")]
     pub(crate) patch: Option<u32>,
@@ -62,9 +62,9 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "DIR",
-        conflicts_with_all = ["subdivide", "split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
+        conflicts_with_all = ["split", "patch_size", "two_sided", "flip", "exclude", "scale", "keep_duplicates"]
     )]
-    pub(crate) store: Option<PathBuf>,
+    pub(crate) matrix: Option<PathBuf>,
     /// Show what is seen in mirrors and panes, by FILE or the `scene` [default: the matrix's]
     #[arg(long, value_name = "FILE", conflicts_with = "live")]
     pub(crate) specular: Option<PathBuf>,
@@ -163,7 +163,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Format::of(output)?;
     }
     let mut of_store = None;
-    let prepared = match &arguments.store {
+    let prepared = match &arguments.matrix {
         Some(store) => {
             let store = of_store.insert(Store::open(store)?);
             stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into())?

@@ -22,9 +22,9 @@ pub(crate) struct Arguments {
     /// The matrix
     #[arg(value_name = "DIR")]
     pub(crate) store: PathBuf,
-    /// The scene that it is of
+    /// The scene that it is of [default: the one that the matrix names, beside it or here]
     #[arg(value_name = "SCENE")]
-    pub(crate) scene: PathBuf,
+    pub(crate) scene: Option<PathBuf>,
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
@@ -32,9 +32,9 @@ pub(crate) struct Arguments {
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky, error (expected
-    /// of each row), closure (how far each row is from summing to 1)
-    #[arg(long, value_name = "WHAT", default_value = "radiosity")]
-    pub(crate) show: Show,
+    /// of each row), closure (how far each row is from closing) [default: a solution's, else sky, else seen]
+    #[arg(long, value_name = "WHAT")]
+    pub(crate) show: Option<Show>,
     /// The patch whose row is shown
     #[arg(long, value_name = "I", required_if_eq("show", "row"))]
     pub(crate) patch: Option<u32>,
@@ -51,10 +51,10 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Refuses options of what is not shown.
     fn require_shown(&self) -> Result<()> {
-        if self.patch.is_some() && self.show != Show::Row {
+        if self.patch.is_some() && self.show != Some(Show::Row) {
             bail!("`--patch` chooses a row, and `--show row` is not given");
         }
-        if self.solution.is_some() && !matches!(self.show, Show::Quantity(_)) {
+        if self.solution.is_some() && !matches!(self.show, None | Some(Show::Quantity(_))) {
             bail!("`--solution` is of radiosity, irradiance, flux or temperature, and `--show` names none of them");
         }
         Ok(())
@@ -98,13 +98,27 @@ impl FromStr for Show {
     }
 }
 
+/// What is shown unasked: a solution, if there is one or one is named; sky view factors; what is in sight.
+fn what_there_is(store: &Store, named: Option<&str>) -> Result<Show> {
+    if named.is_some() || !StoredSolution::names(store).is_empty() {
+        let is_heat = solution(store, named)?.quantities().contains(&"flux");
+        return Ok(Show::Quantity(if is_heat { "flux" } else { "radiosity" }.to_owned()));
+    }
+    Ok(if stored::sky(store).is_ok() { Show::Sky } else { Show::Seen })
+}
+
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     Format::of(&arguments.output)?;
     arguments.require_shown()?;
     crate::report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let patches = store.patch_count() as usize;
-    let values = match &arguments.show {
+    let scene = stored::scene_file(&store, arguments.scene.as_deref(), "`hemicube view model DIR SCENE -o FILE`")?;
+    let show = match &arguments.show {
+        Some(show) => show.clone(),
+        None => what_there_is(&store, arguments.solution.as_deref())?,
+    };
+    let values = match &show {
         Show::Quantity(quantity) => of_solution(&solution(&store, arguments.solution.as_deref())?, quantity)?,
         Show::Seen => Values::Scale(Scale::linear("patches in sight", in_sight(&store)?)),
         Show::Row => Values::Scale(row(&store, arguments.patch.unwrap_or(0))?),
@@ -120,7 +134,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     let prepared = stored::scene(
         &store,
-        &arguments.scene,
+        &scene,
         &EngineSettings::default(),
         Limits::of(arguments.allow_large),
     )?;
