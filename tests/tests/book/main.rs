@@ -59,7 +59,10 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     ),
 ];
 
-/// Words at most: of the README, of the book with it, of pages for developers, of the changelog.
+/// Pages that programs make from their own definitions, whose length is theirs.
+const GENERATED: [&str; 2] = ["docs/commands.md", "docs/python-api.md"];
+
+/// Words at most: of the README, of the book with it but for what is generated, of pages for developers, of the changelog.
 const WORDS_MAX: [usize; 4] = [700, 25_000, 12_000, 400];
 
 fn summary() -> Page {
@@ -180,7 +183,8 @@ fn the_page_of_commands_is_the_program_s() {
 #[test]
 fn every_text_keeps_its_length() {
     let pages = pages();
-    let (users, developers): (Vec<&Page>, Vec<&Page>) = pages.iter().partition(|page| page.is_for_users());
+    let written = pages.iter().filter(|page| !GENERATED.contains(&page.name.as_str()));
+    let (users, developers): (Vec<&Page>, Vec<&Page>) = written.partition(|page| page.is_for_users());
     let sum = |pages: &[&Page]| pages.iter().map(|page| page.words()).sum::<usize>();
     let lengths = [
         pages[0].words(),
@@ -207,7 +211,7 @@ fn no_page_for_users_names_commits_or_tests() {
         let faults = faults_of_words(&doctored(line));
         assert!(faults.len() == 1 && faults[0].contains(wanted), "{line}: {faults:?}");
     }
-    assert!(faults_of_words(&doctored("1506176 patches, 2.5e-4, decade, `hemicube::solve`")).is_empty());
+    assert!(faults_of_words(&doctored("1506176 patches, 5.670374419e-08, decade, `hemicube::solve`")).is_empty());
 }
 
 #[test]

@@ -256,7 +256,9 @@ pub(crate) fn faults_of_words(page: &Page) -> Vec<String> {
     };
     let mut faults = Vec::new();
     for (line, number) in page.text.lines().zip(1..) {
-        let words = line.split(|c: char| !c.is_alphanumeric() && c != '_');
+        let words = line
+            .split(|c: char| !c.is_alphanumeric() && !"_.".contains(c))
+            .map(|word| word.trim_matches('.'));
         let has_test = programs.iter().any(|program| line.contains(&format!("{program}::")));
         let what = match words.into_iter().find(|word| is_hash(word)) {
             Some(hash) => format!("`{hash}`, a commit"),
