@@ -500,7 +500,7 @@ fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
     for right in [
         "```console,full,needs:scenes\ntrue\n```\n```text,output\nx\n```",
         "```console,not-run\nsleep forever\n```",
-        "```toml,file:a.toml\n```\n```console\ncat a.toml\n```",
+        "As `a.toml`:\n\n```toml,file:a.toml\n```\n```console\ncat a.toml\n```",
         "```python\nprint(1)\n```\n```text\nanything\n```",
         "```console\ncargo run --release -p hemicube-tests --example accuracy\n```",
     ] {
@@ -517,8 +517,12 @@ fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
         ("```console\ntrue\n```\n```text,output\n…\n```", "claims nothing"),
         ("```c\nint x;\n```", "no command reads it"),
         (
-            "```c,file:a.c\nint x;\n```\n```console\ncc b.c\n```",
+            "`a.c`:\n```c,file:a.c\nint x;\n```\n```console\ncc b.c\n```",
             "no command after it",
+        ),
+        (
+            "```c,file:a.c\nint x;\n```\n```console\ncc a.c\n```",
+            "does not name its file",
         ),
         ("```rust\nfn main() {}\n```", "no documentation test"),
         ("```python\nimport hemicube\n```", "no test of the Python package"),

@@ -127,6 +127,13 @@ impl Page {
         blocks
     }
 
+    /// The lines from the last empty one to a block.
+    fn paragraph_before(&self, line: usize) -> String {
+        let lines: Vec<&str> = self.text.lines().take(line - 1).collect();
+        let lines = lines.iter().rev().skip_while(|line| line.is_empty());
+        lines.take_while(|line| !line.is_empty()).copied().collect()
+    }
+
     /// The names of its headings in addresses, as mdBook and GitHub make them.
     fn anchors(&self) -> BTreeSet<String> {
         let headings = self
@@ -416,6 +423,9 @@ pub(crate) fn faults_of_blocks(
         match (block.language.as_str(), file) {
             ("c" | "toml" | "json", None) => fault("no `file:`: no command reads it"),
             (_, Some(name)) if !is_used(name) => fault("no command after it reads its file"),
+            (_, Some(name)) if !page.paragraph_before(block.line).contains(name) => {
+                fault("the paragraph before it does not name its file");
+            }
             _ => {}
         }
         let named = format!("{}\"", page.name);
