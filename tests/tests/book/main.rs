@@ -34,7 +34,7 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     ),
     (
         "docs/pictures.md",
-        "hemicube view hemicube city.obj --live --count 20",
+        "hemicube view hemicube city.obj --live",
         "needs a display: outside::live shows it on one that is made for it",
     ),
     (
