@@ -12,7 +12,8 @@ mod run;
 
 use hemicube_tests::scenes::{program, skip, workspace};
 use page::{
-    DEVELOPERS, Page, chapters, faults_of_blocks, faults_of_contents, faults_of_links, faults_of_words, files, stale,
+    DEVELOPERS, Page, chapters, faults_of_blocks, faults_of_contents, faults_of_links, faults_of_options,
+    faults_of_words, files, options, stale,
 };
 use run::{Extent, Folder, same_picture, says, updated};
 use std::fs::read_to_string;
@@ -178,6 +179,18 @@ fn the_page_of_commands_is_the_program_s() {
         page == made,
         "docs/commands.md is not what `hemicube manual --markdown` prints, at {other:?}: BLESS=1 writes it"
     );
+}
+
+#[test]
+fn every_option_that_a_page_names_is_one_of_a_command() {
+    let page = Page::read("docs/commands.md");
+    let known = options(&page.text);
+    assert!(known.len() > 50, "{known:?}");
+    for page in pages().iter().filter(|page| page.is_for_users()) {
+        assert_eq!(faults_of_options(page, &known), Vec::<String>::new());
+    }
+    let faults = faults_of_options(&doctored("`--tolerance 1%`, `--tolerence`, `cargo --x`"), &known);
+    assert_eq!(faults, ["docs/doctored.md:1: no command has `--tolerence`"]);
 }
 
 #[test]

@@ -278,6 +278,24 @@ pub(crate) fn faults_of_words(page: &Page) -> Vec<String> {
     faults
 }
 
+/// The options in a text: words that begin with two dashes.
+pub(crate) fn options(text: &str) -> BTreeSet<&str> {
+    let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '-');
+    words.filter(|word| word.len() > 2 && word.starts_with("--")).collect()
+}
+
+/// Options in the prose of a page, as code, that no command has.
+pub(crate) fn faults_of_options(page: &Page, known: &BTreeSet<&str>) -> Vec<String> {
+    let mut faults = Vec::new();
+    for (number, line, _) in page.lines().filter(|&(.., is_prose)| is_prose) {
+        for code in line.split('`').skip(1).step_by(2).filter(|code| code.starts_with("--")) {
+            let unknown = options(code).into_iter().filter(|option| !known.contains(option));
+            faults.extend(unknown.map(|option| format!("{}:{number}: no command has `{option}`", page.name)));
+        }
+    }
+    faults
+}
+
 /// Links that lead nowhere, in the repository or in the book.
 pub(crate) fn faults_of_links(pages: &[Page]) -> Vec<String> {
     let anchors: BTreeMap<&str, BTreeSet<String>> =
