@@ -58,6 +58,11 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
         "cargo bench -p hemicube-backend-cpu --bench engine",
         "`./test` runs every bench once, `./test --full` in earnest",
     ),
+    (
+        "docs/dev/study.md",
+        "scripts/peers peers.json",
+        "hours of a machine: program::bench runs small studies",
+    ),
 ];
 
 /// Pages that programs make from their own definitions, whose length is theirs.
