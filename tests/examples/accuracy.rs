@@ -1,4 +1,4 @@
-//! What accuracy costs, held against the reference by rays; prints the tables of docs/accuracy.md.
+//! What accuracy costs, held against the reference by rays; prints the tables of docs/dev/accuracy.md.
 //!
 //! `accuracy ladder [ROWS [SCENE…]]`: every rung on generated scenes and a real tile. `accuracy rays [ROWS [SCENE…]]`:
 //! what casting rays costs for the error that the default has. `accuracy calibration [ROWS [SCENE…]]`: whether what is

@@ -1,4 +1,4 @@
-//! What hemicubes cost on every backend, and where the time goes: the tables of docs/gpu.md.
+//! What hemicubes cost on every backend, and where the time goes: the tables of docs/dev/gpu.md.
 //!
 //! `device_rate [RESOLUTION [ROWS [SCENE… [WAY…]]]]`: a scene is `room`, `denhaag` (`denhaag-8897`), `denhaag16` (its
 //! triangles in 16), `denhaag169` (in 169) or `block-city`; a way is a backend and its options, `gl:baseline=thesis`.

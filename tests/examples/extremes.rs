@@ -1,4 +1,4 @@
-//! What holds at the extremes, on every backend and rung; prints the table of docs/extremes.md.
+//! What holds at the extremes, on every backend and rung; prints the table of docs/dev/extremes.md.
 //!
 //! `extremes [large] [BACKEND…]`: over the built-in backend and the plugins named, each of which must open; with
 //! `large`, also a scene of more than 2²⁴ patches, which takes 9 GB and a few minutes. Plugins are those of `cargo

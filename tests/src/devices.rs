@@ -304,7 +304,7 @@ pub const EXACT_EDGES: Most = Most {
 };
 
 /// Houses may share walls up to 10⁻⁵ of their distance: all pixels of such a wall may differ, and chance decides which
-/// rows have one in front of them; see `docs/gpu.md`.
+/// rows have one in front of them; see `docs/dev/gpu.md`.
 pub const SHARED_WALLS: Most = Most {
     pixels: 5e-4,
     unexplained: 5e-4,

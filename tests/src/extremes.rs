@@ -1,4 +1,4 @@
-//! Scenes that break hemicubes elsewhere, for the tests and the table of `docs/extremes.md`.
+//! Scenes that break hemicubes elsewhere, for the tests and the table of `docs/dev/extremes.md`.
 
 use crate::geometry::{box_inside, even, flipped, grid, quad, scene_of, scene_with_sides};
 use glam::{DQuat, DVec3};

@@ -32,11 +32,6 @@ struct PluginsPage;
 #[doc = include_str!("../../docs/embedding.md")]
 struct EmbeddingPage;
 
-/// The walk's program compiles.
-#[cfg(doctest)]
-#[doc = include_str!("../../docs/walks.md")]
-struct WalksPage;
-
 pub mod bits;
 pub mod board;
 pub mod browser;

@@ -8,7 +8,7 @@
 //!   part     rows of a part × entries a row × 8 bytes: one being filled, two waiting, one being written and encoded
 //! ```
 //!
-//! `docs/store.md` compares this with measured runs.
+//! `docs/dev/store.md` compares this with measured runs.
 
 use crate::exit::hinted;
 use crate::report::size;
@@ -155,7 +155,7 @@ pub(crate) fn disk(rows: u64, entries_per_row: f64, form: Form) -> u64 {
     let entry = match form {
         Form::Plain => 8.0,
         Form::Double => 12.0,
-        // From `docs/store.md`: between 2.1 and 2.6 in large scenes.
+        // From `docs/dev/store.md`: between 2.1 and 2.6 in large scenes.
         Form::Compact => 2.6,
     };
     whole::to_u64(rows as f64 * (entries_per_row * entry + 60.0))

@@ -19,11 +19,11 @@
 //! **Why runs.** Patches cut from one triangle follow each other in the input, and are seen together: half to 97 % of
 //! the columns of a row are the one before plus 1, in any scene. **Why not deflate or zstd on top.** The rest is mostly
 //! mantissas, which do not shrink: 4 to 23 % for a quarter of the speed of reading, and rows lose their offsets in the
-//! file. `docs/store.md` has the figures, and `examples/store_forms.rs` measures them.
+//! file. `docs/dev/store.md` has the figures, and `examples/store_forms.rs` measures them.
 //!
 //! No compression of parts by deflate or zstd, because columns as runs and 16-bit form factors take a third of the
 //! plain form at the plain form's speed. A general compressor takes little off that (mantissas) at several times the
-//! cost; a row keeps its offset in the file. `docs/store.md` has the figures.
+//! cost; a row keeps its offset in the file. `docs/dev/store.md` has the figures.
 //!
 //! No part-wide dictionary of columns, because columns in input order come in runs already: gaps between ranks in the
 //! union of a part's columns have more entropy, not less, once the union itself is stored.

@@ -721,27 +721,26 @@ fn fault_19_wrong_passes() {
     assert_eq!(parts[0], parts[1]);
 }
 
-/// The numbers and tests of the table in `docs/plugins.md`.
-fn listed(page: &str) -> BTreeMap<u32, String> {
-    let rows = page.lines().filter_map(|line| {
-        let cells: Vec<&str> = line.trim().trim_matches('|').split('|').map(str::trim).collect();
-        let number = cells.first()?.parse().ok()?;
-        Some((number, cells.last()?.trim_matches('`').to_owned()))
-    });
-    rows.collect()
+/// The numbers of the faults in the table of `docs/plugins.md`.
+fn listed(page: &str) -> Vec<u32> {
+    let numbers = page
+        .lines()
+        .filter_map(|line| line.strip_prefix("| ")?.split(" |").next()?.parse().ok());
+    numbers.collect()
 }
 
 #[test]
 fn every_fault_of_the_table_has_its_test() {
     let page = std::fs::read_to_string(workspace().join("docs/plugins.md")).expect("the page on plugins");
     let listed = listed(&page);
-    assert_eq!(listed.keys().copied().collect::<Vec<_>>(), (1..=19).collect::<Vec<_>>());
+    assert_eq!(listed, (1..=19).collect::<Vec<_>>());
     let source = include_str!("plugin_faults.rs");
-    for (number, test) in &listed {
-        assert!(test.starts_with(&format!("fault_{number:02}_")), "{number}: {test}");
-        assert!(
-            source.contains(&format!("#[test]\nfn {test}() {{")),
-            "there is no test `{test}`"
+    for number in &listed {
+        let test = format!("#[test]\nfn fault_{number:02}_");
+        assert_eq!(
+            source.matches(&test).count(),
+            1,
+            "fault {number} has no test, or several"
         );
     }
     assert_eq!(

@@ -1,18 +1,21 @@
-//! The book, `docs/SUMMARY.md` and its chapters, and the README: every command and every piece of code is run, output
-//! that stands beside a command is what it says, links lead somewhere, and pictures of a page are those that its
-//! commands make.
+//! The book, `docs/SUMMARY.md` and its chapters, the README, and the pages for developers in `docs/dev`: every command
+//! and every piece of code is run, output that stands beside a command is all that it says but for `…`, links lead
+//! somewhere, and pictures of a page are those that its commands make.
 //!
-//! Each page has a test, which runs what takes seconds, and one more for `./test --full`. `BLESS=1` takes over
-//! pictures.
+//! Each page has a test, which runs what takes seconds, and one more for `./test --full`. `BLESS=1` writes outputs and
+//! pictures as they are now into the pages, and the page of commands.
 
 #![cfg(unix)]
 
 mod page;
 mod run;
 
-use hemicube_tests::scenes::{skip, workspace};
-use page::{Page, chapters, faults_of_blocks, faults_of_contents, faults_of_links, files, stale};
-use run::{Extent, Folder, same_picture, says};
+use hemicube_tests::scenes::{program, skip, workspace};
+use page::{
+    DEVELOPERS, Page, chapters, faults_of_blocks, faults_of_contents, faults_of_links, faults_of_options,
+    faults_of_words, files, options, stale,
+};
+use run::{Extent, Folder, same_picture, says, updated};
 use std::fs::read_to_string;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -21,39 +24,19 @@ use std::process::{Command, Output};
 const NOT_RUN: &[(&str, &str, &str)] = &[
     ("README.md", "./test", "it is what runs this"),
     (
-        "docs/interactive.md",
+        "docs/index.md",
+        "git clone ADDRESS hemicube",
+        "it makes what this test is run from",
+    ),
+    (
+        "docs/pictures.md",
         "hemicube",
         "wants a terminal: program::interactive gives it one",
     ),
     (
-        "docs/light.md",
-        "hemicube view hemicube room.obj --live --count 20",
+        "docs/pictures.md",
+        "hemicube view hemicube city.obj --live",
         "needs a display: outside::live shows it on one that is made for it",
-    ),
-    (
-        "docs/performance.md",
-        "cargo bench -p hemicube-backend-cpu --bench engine",
-        "`./test` runs every bench once, `./test --full` in earnest",
-    ),
-    (
-        "docs/performance.md",
-        "cargo run --release -p hemicube-tests --example row_costs 100",
-        "takes minutes, and its figures want a quiet machine",
-    ),
-    (
-        "docs/peers.md",
-        "cargo build --release -p hemicube-cli",
-        "takes long, and wants other people's packages from PyPI",
-    ),
-    (
-        "docs/peers.md",
-        "scripts/view3d OUT.json",
-        "takes minutes, and builds View3D from its own repository",
-    ),
-    (
-        "docs/portals.md",
-        "cargo test --release -p hemicube-tests --test light_and_heat -- portal_forms:: --nocapture --include-ignored",
-        "it is a test: `./test` runs its quick part, `./test --full` all of it",
     ),
     (
         "docs/python.md",
@@ -62,116 +45,43 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     ),
     (
         "docs/scaling-out.md",
-        "sbatch --array=0-15 examples/cluster/slurm-array.sh city.obj slurm.hemicube",
+        "sbatch --array=0-15 hemicube/examples/cluster/slurm-array.sh city.obj slurm.hemicube",
         "wants a cluster: outside::cluster runs the script in a Slurm of its own",
     ),
     (
         "docs/scaling-out.md",
-        "kubectl apply -f examples/cluster/kubernetes.yaml",
+        "kubectl apply -f hemicube/examples/cluster/kubernetes.yaml",
         "wants a cluster: outside::cluster gives the program the variables that a pod has",
     ),
     (
-        "docs/study.md",
-        "cargo build --release -p hemicube-cli -p hemicube-backend-gl -p hemicube-backend-vulkan -p hemicube-backend-wgpu",
+        "docs/dev/engines.md",
+        "cargo bench -p hemicube-backend-cpu --bench engine",
+        "`./test` runs every bench once, `./test --full` in earnest",
+    ),
+    (
+        "docs/dev/study.md",
+        "scripts/peers peers.json",
         "hours of a machine: program::bench runs small studies",
-    ),
-    (
-        "docs/accuracy.md",
-        "scripts/hard-scenes --rows 24 --verify 24 honeycomb struts screens",
-        "minutes of rays: `--verify` is tried in light_and_heat::light",
-    ),
-    (
-        "docs/study.md",
-        r"hemicube bench -o docs/study-gpu --backend gl --backend vulkan --backend wgpu --scenes ../shared/scenes \",
-        "wants a GPU: program::bench runs small studies",
     ),
 ];
 
-/// Bash that makes what a page takes for granted: scenes and matrices of the reader's.
-const GIVEN: &[(&str, &str)] = &[
-    (
-        "README.md",
-        "hemicube generate city --patches 400 -o your-scene.obj
-         hemicube generate city --patches 60 -o your-city.obj",
-    ),
-    (
-        "docs/choosing-accuracy.md",
-        "hemicube generate city --patches 3000 -o city.obj",
-    ),
-    (
-        "docs/interactive.md",
-        "hemicube generate city --patches 400 -o city.obj",
-    ),
-    (
-        "docs/light.md",
-        "hemicube generate city --patches 300 -o city.obj
-         hemicube compute city.obj -o city.hemicube
-         hemicube generate room --patches 1000 -o room.obj
-         hemicube compute room.obj -o room.hemicube",
-    ),
-    ("docs/points.md", "hemicube generate city --patches 1000 -o city.obj"),
-    (
-        "docs/heat.md",
-        r#"wall() {
-             printf 'solid %s\n' "$1"
-             printf 'facet normal 0 0 0\nouter loop\nvertex %s\nvertex %s\nvertex %s\nendloop\nendfacet\n' \
-               "$2" "$3" "$4" "$2" "$4" "$5"
-             printf 'endsolid %s\n' "$1"
-           }
-           {
-             wall floor '0 0 0' '6 0 0' '6 5 0' '0 5 0'
-             wall ceiling '0 0 2.7' '0 5 2.7' '6 5 2.7' '6 0 2.7'
-             wall south '0 0 0' '0 0 2.7' '6 0 2.7' '6 0 0'
-             wall north '0 5 0' '6 5 0' '6 5 2.7' '0 5 2.7'
-             wall west '0 0 0' '0 5 0' '0 5 2.7' '0 0 2.7'
-             wall east '6 0 0' '6 0 2.7' '6 5 2.7' '6 5 0'
-           } > room.stl
-           hemicube generate city --patches 300 -o city.obj"#,
-    ),
-    ("docs/surfaces.md", "hemicube generate room --patches 1000 -o room.obj"),
-    (
-        "docs/report.md",
-        "hemicube generate city --patches 1000 -o city.obj
-         hemicube compute city.obj -o city.hemicube",
-    ),
-    (
-        "docs/formats.md",
-        "hemicube generate room --patches 1000 -o room.obj
-         hemicube compute room.obj -o room.hemicube
-         hemicube solve room.hemicube --scene room.obj",
-    ),
-    (
-        "docs/store.md",
-        "hemicube generate city --patches 3000 -o city.obj
-         hemicube compute city.obj -o city.hemicube
-         hemicube generate room --patches 1000 -o room.obj
-         hemicube compute room.obj -o room.hemicube",
-    ),
-    (
-        "docs/scaling-out.md",
-        "hemicube generate city --patches 2000 -o city.obj",
-    ),
-    (
-        "docs/embedding.md",
-        "hemicube generate room --patches 1000 -o room.obj
-         mkdir seen
-         cp hemicube/Cargo.lock seen",
-    ),
-    ("docs/plugins.md", "hemicube generate room --patches 1000 -o room.obj"),
-    ("docs/limits.md", "hemicube generate room --patches 1000 -o room.obj"),
-    ("docs/peers.md", "hemicube generate room --patches 1000 -o room.obj"),
-];
+/// Pages that programs make from their own definitions, whose length is theirs.
+const GENERATED: [&str; 2] = ["docs/commands.md", "docs/python-api.md"];
+
+/// Words at most: of the README, of the book with it but for what is generated, of pages for developers, of the changelog.
+const WORDS_MAX: [usize; 4] = [700, 25_000, 12_000, 400];
 
 fn summary() -> Page {
     Page::read("docs/SUMMARY.md")
 }
 
-/// The README and every chapter.
+/// The README, every chapter, and the pages for developers.
 fn pages() -> Vec<Page> {
     let chapters = chapters(&summary());
     assert!(chapters.len() > 15, "{chapters:?}");
     std::iter::once("README.md".to_owned())
         .chain(chapters)
+        .chain(files().into_iter().filter(|name| name.starts_with(DEVELOPERS)))
         .map(|name| Page::read(&name))
         .collect()
 }
@@ -181,22 +91,26 @@ fn tested_elsewhere() -> [String; 2] {
     ["tests/src/lib.rs", "crates/python/tests/test_types_and_documents.py"].map(|name| Page::read(name).text)
 }
 
+/// Tells if pages and pictures are to be written.
+fn is_blessing() -> bool {
+    std::env::var_os("BLESS").is_some()
+}
+
 /// Runs a page of the repository, and holds the pictures in it against what its commands made.
 fn holds(name: &str, extent: Extent) {
     let page = Page::read(name);
-    let given = GIVEN
-        .iter()
-        .find(|(page, _)| *page == name)
-        .map_or("", |(_, given)| given);
     let folder = Folder::new(&format!("book::{name}"), &page);
-    folder
-        .page(&page, given, extent)
-        .unwrap_or_else(|what| panic!("{what}"));
+    if is_blessing() {
+        let text = folder.blessed(&page, extent).unwrap_or_else(|what| panic!("{what}"));
+        std::fs::write(workspace().join(name), text).expect("a page is written");
+    } else {
+        folder.page(&page, extent).unwrap_or_else(|what| panic!("{what}"));
+    }
     for picture in page.own_pictures() {
         let stem = name.trim_start_matches("docs/").trim_end_matches(".md");
         let kept = workspace().join("docs/pictures").join(stem).join(&picture);
         let made = folder.path(&picture);
-        if std::env::var_os("BLESS").is_some() {
+        if is_blessing() {
             std::fs::copy(&made, &kept).expect("a picture is taken over");
         }
         same_picture(&made, &kept).unwrap_or_else(|what| panic!("{what}; BLESS=1 takes over what they make"));
@@ -223,32 +137,104 @@ macro_rules! page_tests {
 page_tests! {
     readme: "README.md",
     tour: "docs/tour.md",
-    walks: "docs/walks.md",
-    wrong_scenes: "docs/wrong-scenes.md",
-    interactive: "docs/interactive.md",
+    room: "docs/room.md",
+    city: "docs/city.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
+    wrong_scenes: "docs/wrong-scenes.md",
     surfaces: "docs/surfaces.md",
+    heat: "docs/heat.md",
     light: "docs/light.md",
     points: "docs/points.md",
-    heat: "docs/heat.md",
     portals: "docs/portals.md",
-    report: "docs/report.md",
-    formats: "docs/formats.md",
-    store: "docs/store.md",
+    recipes: "docs/recipes.md",
     scaling_out: "docs/scaling-out.md",
+    pictures: "docs/pictures.md",
     embedding: "docs/embedding.md",
     plugins: "docs/plugins.md",
-    gpu: "docs/gpu.md",
+    formats: "docs/formats.md",
+    store: "docs/store.md",
+    settings: "docs/settings.md",
     limits: "docs/limits.md",
-    accuracy: "docs/accuracy.md",
-    extremes: "docs/extremes.md",
     peers: "docs/peers.md",
-    recipes: "docs/recipes.md",
+    developers_accuracy: "docs/dev/accuracy.md",
+    developers_gpu: "docs/dev/gpu.md",
+    developers_extremes: "docs/dev/extremes.md",
+}
+
+/// What the program says of its commands, as a page.
+fn commands() -> String {
+    let output = Command::new(program())
+        .args(["manual", "--markdown"])
+        .output()
+        .expect("the program runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+#[test]
+fn the_page_of_commands_is_the_program_s() {
+    let path = workspace().join("docs/commands.md");
+    let made = commands();
+    if is_blessing() {
+        std::fs::write(&path, &made).expect("a page is written");
+    }
+    let page = read_to_string(path).expect("a page");
+    let other = page.lines().zip(made.lines()).find(|(line, made)| line != made);
+    assert!(
+        page == made,
+        "docs/commands.md is not what `hemicube manual --markdown` prints, at {other:?}: BLESS=1 writes it"
+    );
+}
+
+#[test]
+fn every_option_that_a_page_names_is_one_of_a_command() {
+    let page = Page::read("docs/commands.md");
+    let known = options(&page.text);
+    assert!(known.len() > 50, "{known:?}");
+    for page in pages().iter().filter(|page| page.is_for_users()) {
+        assert_eq!(faults_of_options(page, &known), Vec::<String>::new());
+    }
+    let faults = faults_of_options(&doctored("`--tolerance 1%`, `--tolerence`, `cargo --x`"), &known);
+    assert_eq!(faults, ["docs/doctored.md:1: no command has `--tolerence`"]);
+}
+
+#[test]
+fn every_text_keeps_its_length() {
+    let pages = pages();
+    let written = pages.iter().filter(|page| !GENERATED.contains(&page.name.as_str()));
+    let (users, developers): (Vec<&Page>, Vec<&Page>) = written.partition(|page| page.is_for_users());
+    let sum = |pages: &[&Page]| pages.iter().map(|page| page.words()).sum::<usize>();
+    let lengths = [
+        pages[0].words(),
+        sum(&users),
+        sum(&developers),
+        Page::read("CHANGELOG.md").words(),
+    ];
+    assert!(
+        lengths.iter().zip(WORDS_MAX).all(|(&words, most)| words <= most),
+        "{lengths:?} words, {WORDS_MAX:?} at most"
+    );
+}
+
+#[test]
+fn no_page_for_users_names_commits_or_tests() {
+    for page in pages().iter().filter(|page| page.is_for_users()) {
+        assert_eq!(faults_of_words(page), Vec::<String>::new());
+    }
+    for (line, wanted) in [
+        ("since 4036b44a", "a commit"),
+        ("(`promises::sealed`)", "a test"),
+        ("cargo run -p hemicube-tests", "the package of the tests"),
+    ] {
+        let faults = faults_of_words(&doctored(line));
+        assert!(faults.len() == 1 && faults[0].contains(wanted), "{line}: {faults:?}");
+    }
+    assert!(faults_of_words(&doctored("1506176 patches, 5.670374419e-08, decade, `hemicube::solve`")).is_empty());
 }
 
 #[test]
 fn every_page_is_a_chapter_and_every_link_leads_somewhere() {
-    let contents = faults_of_contents(&summary(), &files());
+    let contents = faults_of_contents(&summary(), &Page::read("docs/index.md"), &files());
     assert!(contents.is_empty(), "{contents:#?}");
     let pages = pages();
     let links = faults_of_links(&pages);
@@ -259,7 +245,7 @@ fn every_page_is_a_chapter_and_every_link_leads_somewhere() {
         .flat_map(Page::links)
         .filter(|(.., is_picture)| *is_picture)
         .count();
-    assert!(count > 60 && pictures > 15, "{count} links, {pictures} pictures");
+    assert!(count > 60 && pictures > 10, "{count} links, {pictures} pictures");
 }
 
 #[test]
@@ -279,9 +265,6 @@ fn every_block_is_run_or_said_not_to_be() {
                 page.name
             ));
         }
-    }
-    for (name, _) in GIVEN.iter().filter(|(name, _)| !TESTED.contains(name)) {
-        faults.push(format!("{name}: something is made for it, and nothing run"));
     }
     assert!(faults.is_empty(), "{faults:#?}");
 }
@@ -348,7 +331,7 @@ fn mdbook_makes_web_pages_of_it_whose_links_hold() {
     let tour = read_to_string(book.join("tour.html")).expect("a page");
     let pictures = Page::read("docs/tour.md").own_pictures();
     assert!(
-        pictures.len() == 4
+        pictures.len() == 3
             && pictures
                 .iter()
                 .all(|name| tour.contains(&format!("src=\"pictures/tour/{name}\"")))
@@ -388,7 +371,7 @@ fn tour_with(from: &str, to: &str) -> Page {
 
 #[test]
 fn must_fail_a_wrong_command_or_other_output() {
-    let run = |page: &Page| Folder::new("book::must_fail", page).page(page, "", Extent::Quick);
+    let run = |page: &Page| Folder::new("book::must_fail", page).page(page, Extent::Quick);
     let generate = "```console\nhemicube generate room --patches 200 -o room.obj\n```\n";
     run(&doctored(generate)).expect("a page that is right");
     let right = format!("{generate}\n```text,output\n`room.obj`: … patches (room)\n```\n");
@@ -418,26 +401,77 @@ fn must_fail_a_wrong_command_or_other_output() {
         }
     }
     // And in a page of the book.
-    let wrong = tour_with("hemicube inspect crates", "hemicube inspekt crates");
+    let wrong = tour_with("hemicube inspect cornell", "hemicube inspekt cornell");
     let what = run(&wrong).expect_err("a wrong command in the tour");
     assert!(what.starts_with("docs/tour.md:") && what.contains("inspekt"), "{what}");
 }
 
 #[test]
-fn must_fail_lines_out_of_order_or_not_adjacent() {
+fn must_fail_lines_out_of_order_left_out_or_not_adjacent() {
     let said = "one\ntwo 2.0 s\nthree\nfour\n";
-    for right in ["one\ntwo … s", "one\n…\nfour", "…\nthree", "t…o 2.0 s\nthree", "three"] {
-        says(said, right).unwrap_or_else(|what| panic!("{what}"));
+    for right in [
+        said,
+        "one\ntwo … s\n…",
+        "one\n…\nfour",
+        "…\nthree\nfour",
+        "…\nt…o 2.0 s\n…",
+        "…\nthree\n…\nfour",
+        "…",
+    ] {
+        says(said, right).unwrap_or_else(|what| panic!("{right}: {what}"));
     }
     for wrong in [
-        "two\n",
-        "two … m",
-        "three\n…\none",
-        "one\nthree",
+        "one\ntwo 2.0 s\nthree",
+        "two 2.0 s\nthree\nfour",
+        "three",
+        "…\ntwo",
+        "…\ntwo … m\n…",
+        "…\nthree\n…\none",
+        "one\nthree\n…",
         "one\n…\none",
-        "…o 2.1…",
+        "…o 2.1…\n…",
+        "…\nfour\n…\nfour",
     ] {
         assert!(says(said, wrong).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn must_fail_output_that_hides_a_warning() {
+    let said = "made\nwarning: 23 patches are inside solids\nnext\n";
+    for right in [
+        "made\nwarning: 23 patches are inside solids\n…",
+        "…\nwarning: …\nnext",
+        said,
+    ] {
+        says(said, right).unwrap_or_else(|what| panic!("{right}: {what}"));
+    }
+    for wrong in ["made\n…", "made\n…\nnext", "…"] {
+        let what = says(said, wrong).expect_err(wrong);
+        assert!(what.contains("hides `warning: 23 patches are inside solids`"), "{what}");
+    }
+    // And in a page that runs.
+    let page = "```console\necho made; echo 'warning: look' >&2; echo next\n```\n```text,output\nmade\n…\n```\n";
+    let page = doctored(page);
+    let what = Folder::new("book::must_fail", &page).page(&page, Extent::Quick);
+    assert!(what.is_err_and(|what| what.contains("hides `warning: look`")));
+}
+
+#[test]
+fn blessing_keeps_what_fits_and_shows_warnings() {
+    let said = "rows 5\nerror 0.6 %\nwarning: look\ntime 3.1 s\nnext\n";
+    for (wanted, text) in [
+        ("…", said),
+        ("rows 5\n…", "rows 5\n…\nwarning: look\n…\n"),
+        (
+            "…\nerror 0.7 %\nwarning: old\ntime … s\n…",
+            "…\nerror 0.6 %\nwarning: look\ntime … s\n…\n",
+        ),
+        ("rows 4\n…\nnext", "rows 5\n…\nwarning: look\n…\nnext\n"),
+    ] {
+        let made = updated(said, wanted);
+        assert_eq!(made, text);
+        says(said, &made).unwrap_or_else(|what| panic!("{what}"));
     }
 }
 
@@ -454,6 +488,7 @@ fn must_fail_links_pictures_and_chapters_that_are_not_there() {
         ("[a](tour.md#nowhere)", "no heading"),
         ("[a](#nowhere)", "no heading"),
         ("[a](../CHANGELOG.md)", "no chapter"),
+        ("[a](dev/accuracy.md)", "no chapter"),
     ] {
         *pages.last_mut().expect("a page") = doctored(line);
         let faults = faults_of_links(&pages);
@@ -462,12 +497,16 @@ fn must_fail_links_pictures_and_chapters_that_are_not_there() {
     let (mut summary, mut there) = (summary(), files());
     summary.text += "- [x](nowhere.md)\n";
     there.insert("docs/forgotten.md".to_owned());
-    let faults = faults_of_contents(&summary, &there);
+    let mut index = Page::read("docs/index.md");
+    index.text = index.text.replace("tour.md", "room.md");
+    let faults = faults_of_contents(&summary, &index, &there);
     assert_eq!(
         faults,
         [
             "chapter `docs/nowhere.md` is not there",
-            "`docs/forgotten.md` is in no chapter"
+            "`docs/forgotten.md` is in no chapter",
+            "`docs/index.md` does not link `docs/tour.md`",
+            "`docs/index.md` does not link `docs/nowhere.md`"
         ]
     );
 }
@@ -479,7 +518,7 @@ fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
     for right in [
         "```console,full,needs:scenes\ntrue\n```\n```text,output\nx\n```",
         "```console,not-run\nsleep forever\n```",
-        "```toml,file:a.toml\n```\n```console\ncat a.toml\n```",
+        "As `a.toml`:\n\n```toml,file:a.toml\n```\n```console\ncat a.toml\n```",
         "```python\nprint(1)\n```\n```text\nanything\n```",
         "```console\ncargo run --release -p hemicube-tests --example accuracy\n```",
     ] {
@@ -496,8 +535,12 @@ fn must_fail_blocks_of_unknown_kinds_and_stale_reasons() {
         ("```console\ntrue\n```\n```text,output\n…\n```", "claims nothing"),
         ("```c\nint x;\n```", "no command reads it"),
         (
-            "```c,file:a.c\nint x;\n```\n```console\ncc b.c\n```",
+            "`a.c`:\n```c,file:a.c\nint x;\n```\n```console\ncc b.c\n```",
             "no command after it",
+        ),
+        (
+            "```c,file:a.c\nint x;\n```\n```console\ncc a.c\n```",
+            "does not name its file",
         ),
         ("```rust\nfn main() {}\n```", "no documentation test"),
         ("```python\nimport hemicube\n```", "no test of the Python package"),

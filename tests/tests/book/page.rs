@@ -10,7 +10,7 @@
 //! | `console,hours` | begun by `./test --full`, and must not fail within the first seconds |
 //! | `console,not-run` | for another machine or another test: [`super::NOT_RUN`] says which |
 //! | `…,needs:WHAT` | skipped where that is not there, and says so |
-//! | `text,output` | lines that the block before says; `…` is anything, within a line or for lines |
+//! | `text,output` | what the block before says; `…` is anything, within a line or for lines, and hides no warning |
 //! | `LANGUAGE,file:PATH` | written to that file, for the commands that follow |
 //! | `python` | run as a program, or by the tests of the Python package where it needs the package |
 //! | `rust` | a documentation test of this package; `no_run`: it is compiled |
@@ -22,6 +22,9 @@ use hemicube_tests::scenes::workspace;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::read_to_string;
 use std::path::{Component, Path, PathBuf};
+
+/// The folder of pages for developers, which are no chapters.
+pub(crate) const DEVELOPERS: &str = "docs/dev/";
 
 /// A page: its path from the repository's root, and what stands in it.
 #[derive(Clone, Debug)]
@@ -78,6 +81,16 @@ impl Page {
         Self { name, text }
     }
 
+    /// Tells a page for users from one for developers.
+    pub(crate) fn is_for_users(&self) -> bool {
+        !self.name.starts_with(DEVELOPERS)
+    }
+
+    /// The number of its words, code and output with them.
+    pub(crate) fn words(&self) -> usize {
+        self.text.split_whitespace().count()
+    }
+
     /// Each line, and whether it is outside of blocks.
     fn lines(&self) -> impl Iterator<Item = (usize, &str, bool)> {
         let mut is_inside = false;
@@ -112,6 +125,13 @@ impl Page {
         }
         assert!(open.is_none(), "{}: a block does not end", self.name);
         blocks
+    }
+
+    /// The lines from the last empty one to a block.
+    fn paragraph_before(&self, line: usize) -> String {
+        let lines: Vec<&str> = self.text.lines().take(line - 1).collect();
+        let lines = lines.iter().rev().skip_while(|line| line.is_empty());
+        lines.take_while(|line| !line.is_empty()).copied().collect()
     }
 
     /// The names of its headings in addresses, as mdBook and GitHub make them.
@@ -202,15 +222,77 @@ fn plain(path: &Path) -> PathBuf {
     plain
 }
 
-/// Finds the faults of a table of contents: chapters that are not there, and pages that are not in it.
-pub(crate) fn faults_of_contents(summary: &Page, files: &BTreeSet<String>) -> Vec<String> {
+/// Finds the faults of a table of contents: chapters that are not there, pages that are not in it, and chapters that the
+/// first page, `index`, does not link.
+pub(crate) fn faults_of_contents(summary: &Page, index: &Page, files: &BTreeSet<String>) -> Vec<String> {
     let chapters = chapters(summary);
+    let linked: BTreeSet<String> = index
+        .links()
+        .into_iter()
+        .map(|(_, target, _)| format!("docs/{target}"))
+        .collect();
     let missing = chapters.iter().filter(|chapter| !files.contains(*chapter));
     let left_out = files
         .iter()
-        .filter(|file| **file != summary.name && !chapters.contains(file));
+        .filter(|file| **file != summary.name && !file.starts_with(DEVELOPERS) && !chapters.contains(file));
+    let unlinked = chapters
+        .iter()
+        .filter(|chapter| **chapter != index.name && !linked.contains(*chapter));
     let mut faults: Vec<String> = missing.map(|name| format!("chapter `{name}` is not there")).collect();
     faults.extend(left_out.map(|name| format!("`{name}` is in no chapter")));
+    faults.extend(unlinked.map(|name| format!("`{}` does not link `{name}`", index.name)));
+    faults
+}
+
+/// What only developers know, in a page for users: hashes of commits, tests, packages of the tests.
+pub(crate) fn faults_of_words(page: &Page) -> Vec<String> {
+    let programs = [
+        "promises",
+        "program",
+        "readers",
+        "light_and_heat",
+        "backends",
+        "outside",
+    ];
+    let is_hash = |word: &str| {
+        let is_hex = word.chars().all(|c| matches!(c, '0'..='9' | 'a'..='f'));
+        (7..=12).contains(&word.len())
+            && is_hex
+            && word.contains(|c: char| c.is_ascii_digit())
+            && word.contains(|c: char| c.is_ascii_alphabetic())
+    };
+    let mut faults = Vec::new();
+    for (line, number) in page.text.lines().zip(1..) {
+        let words = line
+            .split(|c: char| !c.is_alphanumeric() && !"_.".contains(c))
+            .map(|word| word.trim_matches('.'));
+        let has_test = programs.iter().any(|program| line.contains(&format!("{program}::")));
+        let what = match words.into_iter().find(|word| is_hash(word)) {
+            Some(hash) => format!("`{hash}`, a commit"),
+            None if has_test => "a test".to_owned(),
+            None if line.contains("hemicube-tests") => "the package of the tests".to_owned(),
+            None => continue,
+        };
+        faults.push(format!("{}:{number}: names {what}", page.name));
+    }
+    faults
+}
+
+/// The options in a text: words that begin with two dashes.
+pub(crate) fn options(text: &str) -> BTreeSet<&str> {
+    let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '-');
+    words.filter(|word| word.len() > 2 && word.starts_with("--")).collect()
+}
+
+/// Options in the prose of a page, as code, that no command has.
+pub(crate) fn faults_of_options(page: &Page, known: &BTreeSet<&str>) -> Vec<String> {
+    let mut faults = Vec::new();
+    for (number, line, _) in page.lines().filter(|&(.., is_prose)| is_prose) {
+        for code in line.split('`').skip(1).step_by(2).filter(|code| code.starts_with("--")) {
+            let unknown = options(code).into_iter().filter(|option| !known.contains(option));
+            faults.extend(unknown.map(|option| format!("{}:{number}: no command has `{option}`", page.name)));
+        }
+    }
     faults
 }
 
@@ -238,7 +320,8 @@ pub(crate) fn faults_of_links(pages: &[Page]) -> Vec<String> {
                 continue;
             }
             // mdBook makes `.html` of it, and there is none outside of the book.
-            if name.ends_with(".md") && of_page.is_none() && folder.starts_with("docs") {
+            let is_chapter = of_page.is_some() && name.starts_with("docs") && !name.starts_with(DEVELOPERS);
+            if name.ends_with(".md") && !is_chapter && folder.starts_with("docs") && page.is_for_users() {
                 fault("is no chapter, and the book has no such page".to_owned());
             }
             if !part.is_empty() && !of_page.is_some_and(|anchors| anchors.contains(part)) {
@@ -358,6 +441,9 @@ pub(crate) fn faults_of_blocks(
         match (block.language.as_str(), file) {
             ("c" | "toml" | "json", None) => fault("no `file:`: no command reads it"),
             (_, Some(name)) if !is_used(name) => fault("no command after it reads its file"),
+            (_, Some(name)) if !page.paragraph_before(block.line).contains(name) => {
+                fault("the paragraph before it does not name its file");
+            }
             _ => {}
         }
         let named = format!("{}\"", page.name);

@@ -1,5 +1,6 @@
-//! A page's blocks, run in their order in a folder of their own, from which the repository is in reach by the paths
-//! that the book uses: `hemicube` and `./run` are the program, `cargo run --example` what is built already.
+//! A page's blocks, run in their order in a folder of their own. The README and pages for developers are run as in the
+//! clone, whose `./run` is the program; pages for users in an empty folder beside the clone, `hemicube`. In both,
+//! `hemicube` is the program, and `cargo run --example` what is built already.
 
 use super::page::{Block, Page};
 use hemicube_tests::readers::{petsc_folder, python};
@@ -32,7 +33,10 @@ const BEGINNING: Duration = Duration::from_secs(20);
 const CARGO: &str = r#"#!/usr/bin/env bash
 set -euo pipefail
 words=("$@")
-case " $* " in *" --manifest-path "*) exec env PATH="$PATH_OF_CARGO" cargo "${words[@]}" ;; esac
+case " $* " in
+    *" --manifest-path hemicube/Cargo.toml "*) ;;
+    *" --manifest-path "*) exec env PATH="$PATH_OF_CARGO" cargo "${words[@]}" ;;
+esac
 [ "$1" = build ] && exit 0
 [ "$1" = run ] || { echo "nothing stands for \`cargo $1\`" >&2; exit 2; }
 shift
@@ -68,12 +72,14 @@ impl Folder {
     /// For a page; a test of that name says what it skips.
     pub(crate) fn new(test: &str, page: &Page) -> Self {
         let place = Place::new();
-        for name in ["crates", "examples", "scripts"] {
-            symlink(workspace().join(name), place.path(name)).expect("a link");
+        if page.is_for_users() && page.name.starts_with("docs/") {
+            symlink(workspace(), place.path("hemicube")).expect("a link");
+        } else {
+            for name in ["crates", "examples", "scripts"] {
+                symlink(workspace().join(name), place.path(name)).expect("a link");
+            }
+            symlink(program(), place.path("run")).expect("a link");
         }
-        // As what embeds the crates would find them beside it.
-        symlink(workspace(), place.path("hemicube")).expect("a link");
-        symlink(program(), place.path("run")).expect("a link");
         std::fs::create_dir(place.path("bin")).expect("a folder");
         symlink(program(), place.path("bin/hemicube")).expect("a link");
         let wants_python = |block: &Block| {
@@ -282,27 +288,50 @@ impl Folder {
         }
     }
 
-    /// Runs a page after the lines of bash that make what it takes for granted.
-    ///
-    /// # Errors
-    /// The first block that fails, or says something else than stands there.
-    pub(crate) fn page(&self, page: &Page, given: &str, extent: Extent) -> Result<(), String> {
-        let (said, status) = self.bash(given, TIME_LIMIT, &[]);
-        if !status.is_some_and(|status| status.success()) {
-            return Err(format!("{}: what it takes for granted: {said}", page.name));
-        }
+    /// Runs a page, and hands each block of output to `look` with what the command before it said.
+    fn run(
+        &self,
+        page: &Page,
+        extent: Extent,
+        mut look: impl FnMut(&Block, &str) -> Result<(), String>,
+    ) -> Result<(), String> {
         let mut last: Option<String> = None;
         for block in page.blocks() {
             let at = |what: String| format!("{}:{}: {what}\n{}", page.name, block.line, block.text);
             if block.is("output") {
                 if let Some(said) = &last {
-                    says(said, &block.text).map_err(at)?;
+                    look(&block, said).map_err(at)?;
                 }
                 continue;
             }
             last = self.block(&block, extent).map_err(at)?;
         }
         Ok(())
+    }
+
+    /// Runs a page.
+    ///
+    /// # Errors
+    /// The first block that fails, or says something else than stands there.
+    pub(crate) fn page(&self, page: &Page, extent: Extent) -> Result<(), String> {
+        self.run(page, extent, |block, said| says(said, &block.text))
+    }
+
+    /// Runs a page, and makes its text with what the commands say now.
+    ///
+    /// # Errors
+    /// The first block that fails.
+    pub(crate) fn blessed(&self, page: &Page, extent: Extent) -> Result<String, String> {
+        let mut blocks = Vec::new();
+        self.run(page, extent, |block, said| {
+            blocks.push((block.clone(), updated(said, &block.text)));
+            Ok(())
+        })?;
+        let mut lines: Vec<&str> = page.text.lines().collect();
+        for (block, text) in blocks.iter().rev() {
+            lines.splice(block.line..block.line + block.text.lines().count(), text.lines());
+        }
+        Ok(lines.join("\n") + "\n")
     }
 }
 
@@ -325,25 +354,99 @@ fn fits(line: &str, wanted: &str) -> bool {
     rest.ends_with(last)
 }
 
-/// Finds lines in the output: one directly after the other, but where a line of `…` is between them.
+/// Tells which of the lines said stand in the book: all of them, but where a line of `…` stands for some. `None` where
+/// they differ.
+fn shown(said: &[&str], wanted: &[&str]) -> Option<Vec<bool>> {
+    let runs: Vec<&[&str]> = wanted.split(|line| *line == "…").collect();
+    let mut shown = vec![false; said.len()];
+    let mut start = 0;
+    for (k, run) in runs.iter().enumerate() {
+        let latest = said.len().checked_sub(run.len()).filter(|&latest| latest >= start)?;
+        let holds = |&place: &usize| run.iter().zip(&said[place..]).all(|(wanted, line)| fits(line, wanted));
+        let mut places = match (k == 0, k + 1 == runs.len()) {
+            (true, true) if latest > 0 => return None,
+            (true, _) => 0..=0,
+            (false, true) => latest..=latest,
+            (false, false) => start..=latest,
+        };
+        let place = places.find(holds)?;
+        shown[place..place + run.len()].fill(true);
+        start = place + run.len();
+    }
+    Some(shown)
+}
+
+/// Compares output with the book's: all of it, but where a line of `…` stands for some lines, which hides no warning.
 pub(crate) fn says(said: &str, wanted: &str) -> Result<(), String> {
     let said: Vec<&str> = said.lines().map(str::trim_end).collect();
     let wanted: Vec<&str> = wanted.lines().map(str::trim_end).collect();
-    let mut rest = said.as_slice();
-    for run in wanted.split(|line| *line == "…").filter(|run| !run.is_empty()) {
-        let place = rest
-            .windows(run.len())
-            .position(|lines| lines.iter().zip(run).all(|(line, wanted)| fits(line, wanted)));
-        let Some(place) = place else {
-            return Err(format!(
-                "says something else than\n{}\nnamely\n{}",
-                run.join("\n"),
-                said.join("\n")
-            ));
-        };
-        rest = &rest[place + run.len()..];
+    let Some(shown) = shown(&said, &wanted) else {
+        return Err(format!(
+            "says something else than\n{}\nnamely\n{}",
+            wanted.join("\n"),
+            said.join("\n")
+        ));
+    };
+    let hidden = said
+        .iter()
+        .zip(shown)
+        .find(|(line, is_shown)| line.starts_with("warning:") && !is_shown);
+    match hidden {
+        Some((line, _)) => Err(format!("the output shown hides `{line}`")),
+        None => Ok(()),
     }
-    Ok(())
+}
+
+/// How alike a line is to the book's: 3 where it fits, 2 with the same two words at the beginning, 1 with one.
+fn likeness(line: &str, wanted: &str) -> usize {
+    let equal = line.split_whitespace().zip(wanted.split_whitespace()).take(2);
+    if fits(line, wanted) {
+        3
+    } else {
+        equal.take_while(|(a, b)| a == b).count()
+    }
+}
+
+/// The book's output with the lines that are said now: those that fit stay as they are, with their `…`, and warnings are
+/// added. What was a line of `…` alone becomes all that is said.
+pub(crate) fn updated(said: &str, wanted: &str) -> String {
+    let said: Vec<&str> = said.lines().map(str::trim_end).collect();
+    let wanted: Vec<&str> = wanted.lines().map(str::trim_end).collect();
+    let runs: Vec<&[&str]> = wanted
+        .split(|line| *line == "…")
+        .filter(|run| !run.is_empty())
+        .collect();
+    let mut kept: Vec<Option<&str>> = vec![None; said.len()];
+    let mut start = 0;
+    for run in &runs {
+        let places = start..=said.len().saturating_sub(run.len()).max(start);
+        let value = |place: usize| {
+            let pairs = run.iter().zip(said.get(place..).unwrap_or_default());
+            pairs.map(|(wanted, line)| likeness(line, wanted)).sum::<usize>()
+        };
+        // The first of the best.
+        let place = places.rev().max_by_key(|&place| value(place)).unwrap_or(start);
+        for (wanted, (line, kept)) in run.iter().zip(said.iter().zip(&mut kept).skip(place)) {
+            *kept = Some(if fits(line, wanted) { wanted } else { line });
+        }
+        start = (place + run.len()).min(said.len());
+    }
+    for (line, kept) in said.iter().zip(&mut kept) {
+        if runs.is_empty() || line.starts_with("warning:") {
+            kept.get_or_insert(line);
+        }
+    }
+    let mut text = String::new();
+    let mut is_gap = false;
+    for line in kept {
+        match line {
+            Some(line) => text += &format!("{line}\n"),
+            None if !is_gap => text += "…\n",
+            None => {}
+        }
+        is_gap = line.is_none();
+    }
+    text
 }
 
 /// The pixels of a picture, and its size.

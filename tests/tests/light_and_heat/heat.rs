@@ -47,9 +47,7 @@ fn room() -> Place {
 type Surfaces = BTreeMap<String, (f64, [f64; 3])>;
 
 fn surfaces(place: &Place, line: &str) -> (Surfaces, Value) {
-    place
-        .line(&format!("{line} -o by.json --overwrite --quiet"))
-        .is(0);
+    place.line(&format!("{line} -o by.json --overwrite --quiet")).is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     let json: Value = serde_json::from_str(&text).expect("JSON");
     let number = |value: &Value| value.as_f64().expect("a number");
@@ -228,7 +226,11 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
             );
         }
         let [_, least, most] = found["floor"].1;
-        assert_eq!(extra == "--network --by object", least == most, "{extra}: {least} to {most}");
+        assert_eq!(
+            extra == "--network --by object",
+            least == most,
+            "{extra}: {least} to {most}"
+        );
     }
     // Everything with one temperature, the rest floating: nothing flows.
     place.write(

@@ -165,9 +165,7 @@ const HEATED: &str = "[default]\nemissivity = 0.9\nadiabatic = true\n[object.\"A
 
 /// Results by surface as JSON.
 fn solved(place: &Place, line: &str, code: i32) -> Value {
-    place
-        .line(&format!("{line} -o by.json --overwrite --quiet"))
-        .is(code);
+    place.line(&format!("{line} -o by.json --overwrite --quiet")).is(code);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     serde_json::from_str(&text).expect("JSON")
 }
@@ -381,7 +379,9 @@ fn a_small_opening_connects_two_rooms() {
     let place = Place::new();
     place.write("rooms.obj", &model.text);
     place.write("m.toml", HEATED);
-    place.line("compute rooms.obj --tolerance 1% -o F -q --config=none").is(0);
+    place
+        .line("compute rooms.obj --tolerance 1% -o F -q --config=none")
+        .is(0);
     let found = solved(&place, "solve F --thermal --materials m.toml", 0);
     assert_eq!(found["enclosures"].as_array().map(Vec::len), Some(1));
     assert!(
@@ -429,7 +429,9 @@ fn what_rows_lack_is_named_above_a_hundredth_and_refused_above_a_tenth() {
         "[default]\nemissivity = 0.9\ntemperature = 300\n[object.A_floor]\ntemperature = 400\n[object.B_floor]\n\
          temperature = 301\n",
     );
-    place.line("compute rooms.obj --tolerance 1% -o F -q --config=none").is(0);
+    place
+        .line("compute rooms.obj --tolerance 1% -o F -q --config=none")
+        .is(0);
     let solve = "--thermal --materials m.toml --by object";
     place.line(&format!("solve F {solve}")).is(0);
     // The rows of B, of which little heat flows, are off; A's are right.
@@ -476,15 +478,15 @@ fn balance_takes_patches_that_see_themselves() {
         ["floor", "rest", "rest", "rest", "rest", "rest"],
     );
     place.write("cube.obj", &model.text);
-    place
-        .line("compute cube.obj --by object -o F -q --config=none")
-        .is(0);
+    place.line("compute cube.obj --by object -o F -q --config=none").is(0);
     let report = place
         .line("balance F -o closed --reciprocity --closure --json")
         .is(0)
         .json();
     assert!(number(&report["balance"]["after"]["closure_max"]) < 1e-6, "{report}");
-    place.line("check closed --max-reciprocity 1e-6 --max-closure 1e-6").is(0);
+    place
+        .line("check closed --max-reciprocity 1e-6 --max-closure 1e-6")
+        .is(0);
     // From the rest four fifths go to itself less what the floor takes: 1 − 0.2.
     let zones = place.line("export closed -o zones.csv --by object").is(0);
     let table = std::fs::read_to_string(place.path("zones.csv")).unwrap_or_else(|_| panic!("{}", zones.err));
@@ -505,7 +507,9 @@ fn balance_takes_patches_that_see_themselves() {
 fn check_judges_reciprocity_and_closure_by_what_was_asked() {
     let place = Place::new();
     place.line("generate room --patches 300 -o room.obj -q").is(0);
-    place.line("compute room.obj --tolerance 1% -o F -q --config=none").is(0);
+    place
+        .line("compute room.obj --tolerance 1% -o F -q --config=none")
+        .is(0);
     let checked = place.line("check F").is(0).out;
     assert!(
         checked.contains("Everything holds") && !checked.contains("no bound"),

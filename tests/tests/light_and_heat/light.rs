@@ -216,10 +216,7 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     );
     place.fails("view model F cube.obj -o x.jpg --show seen", &[".png or .svg"]);
     place.fails("sky cube.obj -o sky", &["which axis points up", "--up"]);
-    place.fails(
-        "sky cube.obj --up z -o sky --split 2 --split 2",
-        &["three ways to cut"],
-    );
+    place.fails("sky cube.obj --up z -o sky --split 2 --split 2", &["three ways to cut"]);
     place.fails("sky cube.obj -o sky --matrix F", &["cannot be used with"]);
     place.line("compute cube.obj --split 2 --rows 0..5 -o G --config=none");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
@@ -921,10 +918,7 @@ fn the_sky_as_a_table() {
     assert_eq!(count, factors.len());
     place.line("sky city.obj --up y -o alone.csv --resolution 64");
     assert_eq!(read(&place, "alone.csv"), table);
-    place.fails(
-        "sky city.obj --up y -o out.csv",
-        &["names a directory", "-o out.csv"],
-    );
+    place.fails("sky city.obj --up y -o out.csv", &["names a directory", "-o out.csv"]);
     place.fails("sky city.obj --up y -o alone.csv", &["--overwrite"]);
     place.write("suns.txt", "0 1 0\n");
     place.fails(

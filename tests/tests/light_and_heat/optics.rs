@@ -18,9 +18,7 @@ const FOUR: &str = "[object.\"x*\"]\nspecular = 1\n[object.\"y*\"]\nspecular = 1
 /// Net heat of each surface, and its mean temperature.
 fn heat(place: &Place, line: &str) -> BTreeMap<String, (f64, f64)> {
     place
-        .line(&format!(
-            "{line} --thermal --by object -o by.json --overwrite --quiet"
-        ))
+        .line(&format!("{line} --thermal --by object -o by.json --overwrite --quiet"))
         .is(0);
     let text = std::fs::read_to_string(place.path("by.json")).expect("results");
     let json: Value = serde_json::from_str(&text).expect("JSON");

@@ -2,7 +2,7 @@
 //! end, sectors of a prism, and mirrors of facets, which converge.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before. `--nocapture`
-//! shows how far each form factor is off: the tables of docs/portals.md.
+//! shows how far each form factor is off: the tables of docs/dev/portals.md.
 
 #![cfg(unix)]
 #![allow(clippy::print_stderr, reason = "figures of the book")]

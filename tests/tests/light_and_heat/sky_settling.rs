@@ -18,9 +18,7 @@ fn the_sky_settles_with_the_ground_below_it() {
     let place = Place::new();
     place.write("walls.obj", WALLS);
     // Four rows still change at the last level, and are as exact as is asked all the same.
-    place
-        .line("sky walls.obj --up z -o settled.csv --tolerance 0.2%")
-        .is(1);
+    place.line("sky walls.obj --up z -o settled.csv --tolerance 0.2%").is(1);
     place.line("sky walls.obj --up z -o fine.csv --samples 256").is(0);
     let columns = std::fs::read_to_string(place.path("fine.csv")).expect("a table");
     let columns: Vec<&str> = columns.lines().next().expect("names").split(',').collect();

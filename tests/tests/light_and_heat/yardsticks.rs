@@ -1,5 +1,5 @@
 //! Tables that others published: CIE 171, Clausing's tubes, Abaqus' rectangles and symmetries, FDS' box. Their geometry
-//! and errata are in docs/yardsticks.md.
+//! and errata are in docs/dev/yardsticks.md.
 //!
 //! The binary is the one beside this test: build it with the same profile and target directory before.
 

@@ -453,13 +453,19 @@ fn what_is_asked_for_is_said_to_be_wrong() {
             "export F -o p.glb --scene yard.obj --show radiosity --range 0,1",
             &["--range", "radiosity_red"],
         ),
-        ("export F -o p.vtp --scene yard.obj --show seen", &["--show", "no meaning"]),
+        (
+            "export F -o p.vtp --scene yard.obj --show seen",
+            &["--show", "no meaning"],
+        ),
         (
             "export F -o F.npz --scene yard.obj",
             &["--scene", "no meaning", "--patches"],
         ),
         ("export F -o F.parquet --results", &["--results", "no meaning"]),
-        ("export F -o p.csv --by object --results", &["--results", "cannot be used"]),
+        (
+            "export F -o p.csv --by object --results",
+            &["--results", "cannot be used"],
+        ),
         ("export F -o p.csv --solution thermal", &["thermal", "radiosity"]),
         ("export F -o p.xyz", &[".vtp", ".parquet", ".npz"]),
         ("export F -o p.vtp --scene F", &["F"]),

@@ -154,9 +154,7 @@ fn files_of_faces_hold_the_matrix_from_row_to_column() {
     for (row, outside) in found.iter().zip(outside) {
         assert!((row.iter().sum::<f64>() + outside - 1.0).abs() < 1e-6);
     }
-    place
-        .line("export B --for calculix:2.21 -o new.vwf")
-        .is(0);
+    place.line("export B --for calculix:2.21 -o new.vwf").is(0);
     assert_eq!(calculix(&read(&place, "new.vwf")).0, "Version 2.21");
 }
 

@@ -954,7 +954,9 @@ fn what_is_in_the_way_stays() {
         .line("generate room -o missing/room.obj")
         .fails_with(&["missing/room.obj", "cannot be written"]);
     place.line("export empty -o directory").is(2);
-    place.line("export empty -o missing/F.npz").fails_with(&["missing/F.npz"]);
+    place
+        .line("export empty -o missing/F.npz")
+        .fails_with(&["missing/F.npz"]);
     if Path::new("/proc/self").is_dir() {
         place
             .line("compute room.obj -o /proc/self/nothing")

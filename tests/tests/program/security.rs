@@ -222,10 +222,7 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
             "lies in the directory of the matrix",
         ),
         ("solve m --materials mat.toml -o mine.csv", "exists"),
-        (
-            "export m -o linked/new.csv",
-            "lies in the directory of the matrix",
-        ),
+        ("export m -o linked/new.csv", "lies in the directory of the matrix"),
         (
             "export m -o m/manifest.json --format npz --overwrite",
             "lies in the directory of the matrix",
@@ -507,10 +504,7 @@ fn copies_and_cuts_are_bounded_by_what_the_files_and_the_memory_are() {
         "`--memory` of 300 MB: `room.obj` would be",
         "is the finest that surely fits",
     );
-    for (cut, within) in [
-                ("--split 300", "--split"),
-        ("--patch-size 1", "--patch-size"),
-    ] {
+    for (cut, within) in [("--split 300", "--split"), ("--patch-size 1", "--patch-size")] {
         let ran = at_once(&place, &format!("{COMPUTE} {cut} --memory 300M -o n"));
         let ran = ran.is(2).says(&[over, finest]);
         // The setting that the error names does fit.

@@ -22,10 +22,7 @@ fn race_all(pairs: u64) {
     for (name, line) in [
         ("g", "generate room --patches 2000 -o g/g.obj --overwrite".to_owned()),
         ("n", format!("{COMPUTE} --split 4 -o n/n")),
-        (
-            "c",
-            format!("{COMPUTE} -o c/n --overwrite"),
-        ),
+        ("c", format!("{COMPUTE} -o c/n --overwrite")),
         ("e", "export m -o e/e.txt --overwrite".to_owned()),
         ("p", "export m -o p/p.csv --overwrite".to_owned()),
         ("z", "export m -o z/z.csv --by object --overwrite".to_owned()),

@@ -59,7 +59,9 @@ fn a_matrix_that_compute_warned_of_is_doubtful_and_no_error() {
 fn rows_beyond_the_tolerance_asked_for_are_doubtful_and_beyond_a_bound_failed() {
     let place = Place::new();
     place.line("generate room --patches 300 -o room.obj -q").is(0);
-    place.line("compute room.obj --tolerance 5% -o F -q --config=none").is(0);
+    place
+        .line("compute room.obj --tolerance 5% -o F -q --config=none")
+        .is(0);
     let report = place.line("check F --json").is(0).json();
     assert_eq!(states(&report), ["ok"; 3]);
     assert_eq!(report["quality"]["closure_limit"], 0.05);

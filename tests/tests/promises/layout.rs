@@ -100,13 +100,14 @@ fn documents_name_tests_that_are_there() {
         "ARCHITECTURE.md".to_owned(),
         "README.md".to_owned(),
     ];
-    let of_docs = entries(&workspace().join("docs"));
-    pages.extend(
-        of_docs
-            .into_iter()
-            .filter(|name| name.ends_with(".md"))
-            .map(|name| format!("docs/{name}")),
-    );
+    for docs in ["docs", "docs/dev"] {
+        let names = entries(&workspace().join(docs)).into_iter();
+        pages.extend(
+            names
+                .filter(|name| name.ends_with(".md"))
+                .map(|name| format!("{docs}/{name}")),
+        );
+    }
     for page in pages {
         let text = std::fs::read_to_string(workspace().join(&page)).expect("a page");
         assert_eq!(unknown(&text, &folder, &programs), Vec::<String>::new(), "{page}");

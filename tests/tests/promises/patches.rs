@@ -509,9 +509,7 @@ fn a_hemicube_of_a_patch_stands_on_its_middle_triangle() {
 fn values_of_patches_are_on_all_of_their_triangles() {
     let place = Place::new();
     place.write("room.obj", quads(2));
-    place
-        .line("compute room.obj -o objects --by object --split 2 -q")
-        .is(0);
+    place.line("compute room.obj -o objects --by object --split 2 -q").is(0);
     place.line("export objects -o patches.csv -q --results").is(0);
     place
         .line("export objects -o triangles.csv --scene room.obj -q --results")
@@ -534,7 +532,9 @@ fn values_of_patches_are_on_all_of_their_triangles() {
         assert_eq!(sum, sums[patch.parse::<usize>().expect("a patch")]);
     }
     for file in ["x.vtp", "x.vtu", "x.ply", "x.glb --up z"] {
-        place.line(&format!("export objects -o {file} --scene room.obj -q")).is(0);
+        place
+            .line(&format!("export objects -o {file} --scene room.obj -q"))
+            .is(0);
     }
     let view = "view model objects room.obj --show row --patch 6 -o x.png --up z --eye 0.3,0.3,0.8 --look-at 1.5,1,0.3";
     place.line(view).is(0);
@@ -593,8 +593,7 @@ fn verification_draws_from_large_patches_and_says_how_sure_it_is() {
     let place = Place::new();
     place.write("quads.obj", quads(6));
     let run = |more: &str| {
-        let line =
-            format!("compute quads.obj -o F --overwrite --by object --tolerance 2% --verify 3 --json {more}");
+        let line = format!("compute quads.obj -o F --overwrite --by object --tolerance 2% --verify 3 --json {more}");
         place.line(&line)
     };
     // Each side has 72 triangles, 32 of which are drawn.

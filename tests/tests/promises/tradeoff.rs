@@ -298,10 +298,7 @@ fn error_against_time() {
     // a line that runs and keeps it.
     let recommended = &report["recommended"];
     let command = recommended["command"].as_str().expect("a command");
-    assert!(
-        table.contains(command) && command.contains("--split 2"),
-        "{command}"
-    );
+    assert!(table.contains(command) && command.contains("--split 2"), "{command}");
     assert!(number(&recommended["error"]) <= 0.02);
     let good = |t: &&Value| number(&t["measured"]["interval_of_rows"]["high"]) <= 0.02;
     let is_asked = |t: &&Value| t["tolerance"].as_f64().is_some_and(|t| (t - 0.02).abs() < 1e-9);

@@ -912,7 +912,9 @@ fn millimetres_are_asked_about_where_heat_is() {
     ] {
         place.write(name, scaled(by));
         compute(&place, name);
-        let ran = place.line("solve m --thermal --materials m.toml --sky-temperature 300").is(0);
+        let ran = place
+            .line("solve m --thermal --materials m.toml --sky-temperature 300")
+            .is(0);
         assert_eq!(ran.err.contains("--scale 0.001"), asked, "{name}: {}", ran.err);
     }
 }

@@ -13,7 +13,10 @@ const CUBE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 
 
 /// The axis by `inspect`, and whether it is a guess.
 fn inspected(place: &Place, scene: &str) -> (String, bool) {
-    let report = place.line(&format!("inspect {scene} --json --config=none")).is(0).json();
+    let report = place
+        .line(&format!("inspect {scene} --json --config=none"))
+        .is(0)
+        .json();
     let scene = &report["scene"];
     (
         scene["up"].as_str().expect("an axis").to_owned(),

@@ -75,7 +75,11 @@ fn city(inside_out: bool, ground: bool) -> String {
 }
 
 fn inspected(place: &Place, line: &str) -> Value {
-    place.line(&format!("inspect {line} --json --config=none")).is(0).json()["enclosure"].clone()
+    place
+        .line(&format!("inspect {line} --json - --config=none"))
+        .is(0)
+        .json()["enclosure"]
+        .clone()
 }
 
 fn sentences(enclosure: &Value) -> Vec<String> {
@@ -710,7 +714,9 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
         b"[default]\nemissivity = 0.9\ntemperature = 293.15\n",
     );
     for scene in ["open", "closed"] {
-        place.line(&format!("compute {scene}.obj -o {scene} --config=none")).is(0);
+        place
+            .line(&format!("compute {scene}.obj -o {scene} --config=none"))
+            .is(0);
     }
     let solve = |line: &str| place.line(&format!("solve {line} --thermal")).is(0).err;
     let questions = |text: &str| {
@@ -722,8 +728,14 @@ fn cold_temperatures_and_an_open_scene_are_questioned_once() {
     assert_eq!(questions(&solve("closed --materials kelvin.toml")), [0, 0]);
     assert_eq!(questions(&solve("closed --materials celsius.toml")), [1, 0]);
     assert_eq!(questions(&solve("open --materials kelvin.toml")), [0, 1]);
-    assert_eq!(questions(&solve("open --materials kelvin.toml --sky-temperature 0")), [0, 0]);
-    assert_eq!(questions(&solve("open --materials kelvin.toml --sky-temperature 290")), [0, 0]);
+    assert_eq!(
+        questions(&solve("open --materials kelvin.toml --sky-temperature 0")),
+        [0, 0]
+    );
+    assert_eq!(
+        questions(&solve("open --materials kelvin.toml --sky-temperature 290")),
+        [0, 0]
+    );
     let both = solve("open --materials celsius.toml --sky-temperature 15");
     assert_eq!(questions(&both), [1, 0]);
     assert!(

@@ -23,7 +23,7 @@ const PASS_RESOLUTIONS: [u32; 5] = [16, 48, 80, 128, 256];
 /// A resolution with many sub-pixel patches.
 const COARSE: u32 = 16;
 /// Share of the pixels that may differ from the reference. Drivers snap corners to 1/256 of a pixel, so that pixels on
-/// edges differ: 2.3 · 10⁻⁴ of them if small triangles fill the view (docs/gpu.md has a setting for less).
+/// edges differ: 2.3 · 10⁻⁴ of them if small triangles fill the view (docs/dev/gpu.md has a setting for less).
 const PIXELS: f64 = 3e-4;
 /// Largest distance of a row from the reference's, in L1.
 const ROW: f64 = 5e-3;

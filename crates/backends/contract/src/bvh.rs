@@ -7,7 +7,7 @@
 //! cells of an octree.
 //!
 //! No octree in the CPU backend, because a tree cut by the surface area heuristic is as fast or faster on every scene
-//! of `docs/performance.md`, with the comparison. The octree comes with every scene for backends drawing ranges of it.
+//! of `docs/dev/engines.md`, with the comparison. The octree comes with every scene for backends drawing ranges of it.
 
 use crate::backend::{Geometry, Surface};
 use glam::DVec3;

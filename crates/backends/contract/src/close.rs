@@ -10,7 +10,7 @@ use glam::DVec3;
 use hemicube_spatial::Visit;
 
 /// Distance of a close hemicube's nearest surface, at most, in normalised units: 2⁻¹⁸, some centimetres in a city of
-/// ten kilometres. Four times the nearest near plane at which an NVIDIA H100 lost no triangle (docs/gpu.md).
+/// ten kilometres. Four times the nearest near plane at which an NVIDIA H100 lost no triangle (docs/dev/gpu.md).
 pub const CLOSE: f64 = 1.0 / 262_144.0;
 
 /// Returns the distance from a hemicube's eye to the nearest surface that reaches above its plane, the emitter's left

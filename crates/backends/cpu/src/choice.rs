@@ -43,7 +43,7 @@ const MOST_FRAGMENTS_IF_ASKED: f64 = 32.0;
 /// Least number of lanes of a block in use for ordering to pay: of surfaces, and of parent triangles.
 const LEAST_FILL: [f64; 2] = [4.0, 2.5];
 /// Share of the scene seen by a patch above which everything is drawn, unless blocks in order are filled better than
-/// `WELL_FILLED` (`docs/study.md` has the scenes).
+/// `WELL_FILLED` (`docs/dev/study.md` has the scenes).
 const OPEN: f64 = 1.0 / 3.0;
 const WELL_FILLED: f64 = 12.0;
 /// Scenes of fewer surfaces are not surveyed: they take no time either way.
@@ -53,13 +53,13 @@ const SURVEYED_FROM: usize = 8;
 /// Resolution of a survey, independent of the settings: the choice must not hang on them.
 const SURVEY_RESOLUTION: u32 = 128;
 /// With more pixels of a survey for each triangle drawn, parent triangles are put in order even where patches see much
-/// of the scene: a room has 1,000, an open field of 2,500 triangles 22 (`docs/performance.md`).
+/// of the scene: a room has 1,000, an open field of 2,500 triangles 22 (`docs/dev/engines.md`).
 const PIXELS_OF_COARSE: f64 = 100.0;
 /// From this resolution on, engine `order` takes longer to draw pixels twice, of parents and of their patches, than to
-/// cull the patches themselves, unless most of these need not be drawn (`docs/performance.md`).
+/// cull the patches themselves, unless most of these need not be drawn (`docs/dev/engines.md`).
 const FINE: u32 = 1024;
 /// With more pixels of a hemicube for each triangle drawn, engine `claims` is faster than engine `depth`
-/// (`docs/performance.md`).
+/// (`docs/dev/engines.md`).
 const PIXELS_TO_CLAIM: f64 = 350.0;
 
 /// The choices for a scene and settings.

@@ -13,7 +13,7 @@
 //! (`distribute.rs`).
 //!
 //! No visible sets shared by neighbours, because even an oracle that finds them for nothing gains 1.2 times once they
-//! are put into a tree, 1.8 on a real city; a conservative set is larger and must be found (`docs/study.md`).
+//! are put into a tree, 1.8 on a real city; a conservative set is larger and must be found (`docs/dev/study.md`).
 //!
 //! No coherence between hemicubes in the CPU backend, because with front-to-back order, drawing first the patches that
 //! the last hemicube saw loses 5–13 % (measured on prototypes). The order of work serves the caches.

@@ -66,7 +66,7 @@ const TRIAL: u64 = 32;
 /// are.
 pub(crate) const FEW: u32 = 64;
 /// The default of `min_patches` where the hidden share of the triangles in view is below [`IN_THE_OPEN`]: most answers
-/// then say nothing (measured in `docs/study.md`).
+/// then say nothing (measured in `docs/dev/study.md`).
 const FEW_IN_THE_OPEN: u32 = 600;
 const IN_THE_OPEN: f64 = 0.125;
 

@@ -6,7 +6,7 @@
 //! and Guartes 2017.
 //!
 //! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`, `edges=exact|driver`
-//! (the judge of pixels near edges: docs/gpu.md), `max_level=N` and `min_patches=N` of the octree for queries and
+//! (the judge of pixels near edges: docs/dev/gpu.md), `max_level=N` and `min_patches=N` of the octree for queries and
 //! marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
 
 mod ask;

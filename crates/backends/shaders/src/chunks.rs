@@ -8,10 +8,10 @@ use hemicube_spatial::Octree;
 use std::ops::Range;
 
 /// The most triangles of a chunk: with fewer, tests and draws cost more than they save, with more, too little is culled
-/// (`docs/gpu.md`).
+/// (`docs/dev/gpu.md`).
 pub const MOST_TRIANGLES: u32 = 256;
 
-/// Below this number of triangles, a software driver draws hidden ones sooner than it finds them (`docs/gpu.md`).
+/// Below this number of triangles, a software driver draws hidden ones sooner than it finds them (`docs/dev/gpu.md`).
 pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
 
 /// A run of triangles in drawing order, and its box. `Chunk` of `wgsl/shared.wgsl`.

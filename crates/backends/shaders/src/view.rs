@@ -40,7 +40,7 @@ pub const FIRST_STAMP: u32 = HEMICUBES_BACK + 1;
 /// Logarithms to base 2 of the near plane's distance, in half sides of the scene: its range. A GPU clips a triangle
 /// that passes the eye in f32, and its new corners are off by some 2⁻²³ of the triangle. With a nearer plane they may
 /// end behind the eye, and the triangle is lost: any triangle below the upper end, the smaller ones further down
-/// (measured on an NVIDIA H100, driver 580: docs/gpu.md). Mesa's drivers on the processor take any distance.
+/// (measured on an NVIDIA H100, driver 580: docs/dev/gpu.md). Mesa's drivers on the processor take any distance.
 const NEAR: RangeInclusive<i32> = -30..=-20;
 
 /// The distance of a hemicube's near plane, in half sides of the scene: 2⁻²⁰, or a power of two of at most a quarter of

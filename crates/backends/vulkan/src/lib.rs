@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
-//! edges       exact | driver                       the judge of pixels near edges: docs/gpu.md
+//! edges       exact | driver                       the judge of pixels near edges: docs/dev/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
 //! validation  on | off                             with Vulkan's validation layer; its messages are errors
 //! batch       hemicubes of a submission

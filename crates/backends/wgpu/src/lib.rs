@@ -12,7 +12,7 @@
 //! | key | value |
 //! |---|---|
 //! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`; rows are the same with each |
-//! | `edges` | `exact` (default) or `driver`: the judge of pixels near edges, see docs/gpu.md |
+//! | `edges` | `exact` (default) or `driver`: the judge of pixels near edges, see docs/dev/gpu.md |
 //! | `batch` | hemicubes of a submission |
 //! | `group` | hemicubes side by side in the stages |
 //! | `memory` | MiB to take on the device |

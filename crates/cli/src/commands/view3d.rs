@@ -10,7 +10,7 @@
 //!
 //! In place of an integration that ends by `eps` there is a tolerance of 10 `eps`, relative over the matrix: 0.1 %
 //! unless a line says otherwise. That is View3D's own error with `eps=1e-4` in a room of 300 triangles; in a city of
-//! 600 View3D is 0.84 % off, and 0.35 % with `eps=1e-6` (docs/peers.md). On View3D's own examples it leaves 10⁻⁸, and
+//! 600 View3D is 0.84 % off, and 0.35 % with `eps=1e-6` (docs/dev/peers.md). On View3D's own examples it leaves 10⁻⁸, and
 //! View3D's `eps=1e-4` up to 1.4·10⁻⁴ (of the L-shaped room's hidden pairs).
 //!
 //! No tolerance of 50 `eps`, because it is four times View3D's error in that room, if faster than View3D in the city.

@@ -196,7 +196,7 @@ mod tests {
 
     /// n rays leave about the error of n^(5/4) independent ones.
     #[test]
-    #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
+    #[allow(clippy::print_stderr, reason = "docs/dev/accuracy.md has these figures")]
     fn rays_leave_less_than_independent_ones() {
         let parameters = hemicube_scene::generate::BlockCityParameters {
             blocks: 6,

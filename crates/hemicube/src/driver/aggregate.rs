@@ -8,7 +8,7 @@
 //! X are the shares *escaped*, *blocked* and *unselected*, and what portals *passed* on and *cut off*; e the expected
 //! errors of rows, √Σ (F − true F)². Errors of
 //! the columns of one patch are taken for independent, those of its elements for equal: neighbours see the same
-//! penumbrae (`docs/surfaces.md` has measurements). Workers add up the columns of an element's row, in the order of
+//! penumbrae (`docs/dev/accuracy.md` has measurements). Workers add up the columns of an element's row, in the order of
 //! columns; the collector adds up elements, in the order of work. Both are in f64 and do not depend on threads or
 //! batches. Weights, hemicubes and rays are added up in integers. Memory: the open row, and one element's row a worker,
 //! 8 bytes a patch each.

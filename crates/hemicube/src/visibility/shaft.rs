@@ -1527,7 +1527,7 @@ mod tests {
     }
 
     #[test]
-    #[allow(clippy::print_stderr, reason = "docs/accuracy.md has these figures")]
+    #[allow(clippy::print_stderr, reason = "docs/dev/accuracy.md has these figures")]
     fn walls_hide_what_their_pieces_hide() {
         let model = city(5, 5);
         let (regions, pieces) = (CoplanarRegions::of(&model), CoplanarRegions::pieces_of(&model));

@@ -20,7 +20,7 @@ pub(super) struct Offered {
     pub(super) cost: &'static str,
 }
 
-/// In the order of the menu. Figures are from `docs/accuracy.md` and `docs/store.md`.
+/// In the order of the menu. Figures are from `docs/dev/accuracy.md` and `docs/store.md`.
 pub(super) const OFFERED: [Offered; 9] = [
     Offered {
         name: "tolerance",
