@@ -105,7 +105,10 @@ impl Command {
 /// The definition, with the options that `-h` leaves out under a heading of their own in `--help`.
 pub(crate) fn definition() -> clap::Command {
     fn completed(command: clap::Command, path: &str) -> clap::Command {
-        let names: Vec<String> = command.get_subcommands().map(|inner| inner.get_name().to_owned()).collect();
+        let names: Vec<String> = command
+            .get_subcommands()
+            .map(|inner| inner.get_name().to_owned())
+            .collect();
         let command = command.mut_args(|argument| {
             if argument.is_hide_short_help_set() && !argument.is_positional() {
                 argument.help_heading(EXPERT)
@@ -116,7 +119,10 @@ pub(crate) fn definition() -> clap::Command {
         let command = match crate::help::ending(path) {
             None => command,
             Some(ending) => {
-                let above = command.get_after_long_help().map(|text| format!("{text}\n")).unwrap_or_default();
+                let above = command
+                    .get_after_long_help()
+                    .map(|text| format!("{text}\n"))
+                    .unwrap_or_default();
                 command.after_long_help(above + &ending)
             }
         };
@@ -262,7 +268,10 @@ mod tests {
                 leaf = false;
                 walk(inner, format!("{path} {}", inner.get_name()).trim());
             }
-            let text = command.get_after_long_help().map(ToString::to_string).unwrap_or_default();
+            let text = command
+                .get_after_long_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
             assert!(!leaf || text.contains("Exit status"), "{path}: {text}");
             assert!(text.matches("Exit status").count() <= 1, "{path}");
         }

@@ -200,7 +200,10 @@ impl Layers {
                 let given = matches.get_raw(asks).filter(|_| is_given(matches, asks));
                 match given {
                     Some(mut words) => words.any(|word| word.to_str().is_none_or(chooses)),
-                    None => layers.0.get(*asks).is_some_and(|layered| layered.words.iter().any(|word| chooses(word))),
+                    None => layers
+                        .0
+                        .get(*asks)
+                        .is_some_and(|layered| layered.words.iter().any(|word| chooses(word))),
                 }
             };
             if of == command.get_name() && is_given(matches, name) && !asks.iter().any(is_asked) {

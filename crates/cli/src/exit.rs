@@ -93,10 +93,13 @@ fn message(error: &anyhow::Error) -> String {
     text
 }
 
-/// The hint of an error, beneath its context.
-pub(crate) fn hint(error: &anyhow::Error) -> Option<&str> {
+/// The hint of an error, beneath its context: the program's own, otherwise what the library advises.
+pub(crate) fn hint(error: &anyhow::Error) -> Option<String> {
     let hinted = error.chain().find_map(|cause| cause.downcast_ref::<Hinted>());
-    hinted.map(|hinted| hinted.hint.as_str())
+    match hinted {
+        Some(hinted) => Some(hinted.hint.clone()),
+        None => crate::advice::of_error(error),
+    }
 }
 
 /// Reports the error, once, and returns its exit code.
@@ -104,7 +107,7 @@ pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
     if error.is::<OutputClosed>() {
         return Exit::Done.into();
     }
-    crate::log::error(&message(error), hint(error));
+    crate::log::error(&message(error), hint(error).as_deref());
     ExitCode::from(FAILED)
 }
 

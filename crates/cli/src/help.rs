@@ -64,7 +64,11 @@ const EXIT_STATUS: [(&str, &str, &str); 23] = [
     ("view hemicube", "", "interrupted"),
     ("view model", "", "interrupted"),
     ("view sparsity", "", "interrupted"),
-    ("report", "the matrix does not hold; the page is written, and says what", "interrupted"),
+    (
+        "report",
+        "the matrix does not hold; the page is written, and says what",
+        "interrupted",
+    ),
     (
         "view3d",
         "as View3D ends for wrong input and for what could not be written; View3D.log says what",
@@ -80,7 +84,11 @@ const EXIT_STATUS: [(&str, &str, &str); 23] = [
 
 /// Text after the options: examples, and the sources of settings if the command has any.
 pub(crate) fn examples(examples: &str, settings: bool) -> String {
-    let settings = if settings { format!("\n{SETTINGS_HELP}") } else { String::new() };
+    let settings = if settings {
+        format!("\n{SETTINGS_HELP}")
+    } else {
+        String::new()
+    };
     format!("Examples:\n{examples}{settings}")
 }
 
@@ -90,7 +98,10 @@ pub(crate) fn ending(command: &str) -> Option<String> {
     let mut text = format!("{ENVIRONMENT}\nExit status:\n  0    done");
     for (status, meaning) in [
         (1, *not_held),
-        (2, "wrong usage, unreadable input, or something that could not be written"),
+        (
+            2,
+            "wrong usage, unreadable input, or something that could not be written",
+        ),
         (130, *interrupted),
     ] {
         let is_of_view3d = command == "view3d" && status == 2;

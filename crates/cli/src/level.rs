@@ -74,9 +74,7 @@ pub(crate) fn explain(error: LevelError) -> anyhow::Error {
             ),
             match form {
                 Form::Compact => "`--form plain` rounds nothing",
-                Form::Plain | Form::Double => {
-                    "below 0.000012% (1.2e-7) `--form double` is needed: form factors in f64"
-                }
+                Form::Plain | Form::Double => "below 0.000012% (1.2e-7) `--form double` is needed: form factors in f64",
             },
         ),
         error => error.into(),

@@ -12,6 +12,7 @@
 //! progress outputs table toml_file forecast     progress, the rule of outputs, files people write, memory and disk
 //! report          reports, files, the form of numbers
 //! exit            exit codes, interrupts, errors with hints
+//! advice          what libraries advise, in options
 //! log style       messages, colour
 //! args help escape shell clock                  argument groups, texts, quoting, clocks
 //! ```
@@ -19,6 +20,7 @@
 //! Two commands use another: `report` shows the verdicts of `check`, and `check`
 //! the operations of `balance`. The study measures by `tradeoff`.
 
+mod advice;
 mod args;
 mod clock;
 mod command_line;

@@ -2,8 +2,8 @@
 //! `tracing`, filtered by `HEMICUBE_LOG`.
 
 use crate::args::{Color, LogFormat, Talk};
-use crate::style;
 use crate::escape::{shown, shown_lines};
+use crate::style;
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tracing::Level;

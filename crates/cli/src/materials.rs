@@ -21,6 +21,7 @@
 //!
 //! `hemicube::solve::Properties` has the rule of precedence.
 
+use crate::advice;
 use crate::args::Talk;
 use crate::exit::hinted;
 use crate::toml_file;
@@ -81,8 +82,8 @@ pub(crate) fn read(
 
 /// An error of properties, with its next step.
 pub(crate) fn told(error: PropertyError) -> anyhow::Error {
-    match error.step {
-        Some(step) => hinted(anyhow!(error.reason), step),
+    match &error.step {
+        Some(step) => hinted(anyhow!(error.reason.clone()), advice::of_properties(step)),
         None => anyhow!(error.reason),
     }
 }

@@ -63,7 +63,8 @@ impl Paths {
 
     pub(crate) fn tells<'a>(mut self, flag: &'static str, outputs: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         let outputs = outputs.into_iter().cloned();
-        self.outputs.extend(outputs.map(|path| (flag, path, Replaces::Progress)));
+        self.outputs
+            .extend(outputs.map(|path| (flag, path, Replaces::Progress)));
         self
     }
 }
@@ -134,7 +135,9 @@ pub(crate) fn check(paths: &Paths) -> Result<()> {
                 Replaces::Progress if is_progress(path) => {}
                 Replaces::Progress => {
                     return Err(hinted(
-                        anyhow!("`{shown}` exists and is no progress file of hemicube's, and `{flag}` replaces nothing else"),
+                        anyhow!(
+                            "`{shown}` exists and is no progress file of hemicube's, and `{flag}` replaces nothing else"
+                        ),
                         another,
                     ));
                 }

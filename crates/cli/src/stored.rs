@@ -54,7 +54,9 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         globs.filter_map(|glob| glob.as_str().map(str::to_owned)).collect()
     };
     Ok(SceneSettings {
-        split: pieces.filter(|&pieces| pieces > 1).and_then(|pieces| u32::try_from(pieces).ok()),
+        split: pieces
+            .filter(|&pieces| pieces > 1)
+            .and_then(|pieces| u32::try_from(pieces).ok()),
         patch_size: settings["subdivision"]["patch_size"].as_f64(),
         two_sided: match settings["two_sided"].as_str() {
             Some("on") => AutoSwitch::On,
@@ -111,7 +113,10 @@ pub(crate) fn found_scene(store: &Store) -> Option<PathBuf> {
     let name = Path::new(&store.manifest().scene.file);
     let name = name.file_name()?;
     let beside = store.directory().parent().map(|folder| folder.join(name));
-    beside.into_iter().chain([PathBuf::from(name)]).find(|path| path.exists())
+    beside
+        .into_iter()
+        .chain([PathBuf::from(name)])
+        .find(|path| path.exists())
 }
 
 /// The file of a matrix's scene: the one given, or the one that the matrix names.

@@ -234,10 +234,7 @@ fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let results = Results::open(&arguments.output, arguments.label.clone(), settings)?;
     let guard = exit::InterruptGuard::new();
-    let mut bench = Bench {
-        results,
-        cancel,
-    };
+    let mut bench = Bench { results, cancel };
     let done = measure_all(&mut bench, size, &scenes, &targets, talk)?;
     bench.results.save()?;
     let study = Study {

@@ -99,7 +99,11 @@ mod tests {
     fn a_verdict_is_painted_where_a_line_has_it_and_nowhere_else() {
         let text = "integrity  ok        as written\nquality    DOUBTFUL  ok\nok\nthis: FAILED, that\n";
         let painted = verdicts(text);
-        assert_eq!(painted.matches(WARNING.of("DOUBTFUL").as_str()).count(), 1, "{painted:?}");
+        assert_eq!(
+            painted.matches(WARNING.of("DOUBTFUL").as_str()).count(),
+            1,
+            "{painted:?}"
+        );
         assert_eq!(painted.matches(GOOD.of("ok").as_str()).count(), 1, "{painted:?}");
         assert_eq!(painted.matches(ERROR.of("FAILED").as_str()).count(), 1, "{painted:?}");
         assert_eq!(anstream::adapter::strip_str(&painted).to_string(), text);
@@ -108,7 +112,10 @@ mod tests {
     #[test]
     fn the_choice_of_colour_is_known_before_the_line_is_parsed() {
         let asked = |words: &[&str]| asked(&words.iter().map(OsString::from).collect::<Vec<_>>());
-        assert_eq!(asked(&["hemicube", "check", "--color", "never"]), clap::ColorChoice::Never);
+        assert_eq!(
+            asked(&["hemicube", "check", "--color", "never"]),
+            clap::ColorChoice::Never
+        );
         assert_eq!(asked(&["hemicube", "--color=always"]), clap::ColorChoice::Always);
         assert_eq!(asked(&["hemicube", "--", "--color=always"]), clap::ColorChoice::Auto);
     }

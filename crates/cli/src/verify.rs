@@ -627,7 +627,10 @@ impl Verification {
         match verdict {
             Verdict::Kept => format!("{} kept", asked_for(tolerance)),
             Verdict::Broken => {
-                format!("FAILED, {} is not kept; a smaller `--tolerance` leaves a margin", asked_for(tolerance))
+                format!(
+                    "FAILED, {} is not kept; a smaller `--tolerance` leaves a margin",
+                    asked_for(tolerance)
+                )
             }
             Verdict::UnsureForNoise => "the reference is too noisy to judge".to_owned(),
             Verdict::UnsureForRows => format!("too few rows to judge; try `--verify {}`", 4 * self.rows_asked),

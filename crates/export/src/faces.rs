@@ -4,7 +4,7 @@
 //! Rows of faces with one patch each come from the store as they lie; otherwise the added-up matrix is in memory.
 
 use crate::matrix::require_room;
-use crate::{Error, Result};
+use crate::{Error, Result, UnfitStep};
 use hemicube_scene::InputPatch;
 use hemicube_solve::analysis::zones::{GroupBy, Zone, zones};
 use hemicube_store::Store;

@@ -72,4 +72,4 @@ pub use matrix::{ExportOptions, ExportReport, export, export_with_sky, export_zo
 pub use patches::{Colors, Column, Legend, PatchResults, Values, scale_color};
 pub use solvers::view3d::{View3dForm, View3dHead, write_view3d};
 pub use solvers::{SolverOptions, SolverReport, Written, export_for};
-pub use write::{Error, Result, WriteOptions, write_patches};
+pub use write::{Error, Result, UnfitStep, WriteOptions, write_patches};

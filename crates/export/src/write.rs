@@ -56,7 +56,7 @@ pub enum Error {
     /// The solution has too many right-hand sides for columns.
     #[error(
         "the solution `{solution}` has {rows} right-hand sides, more than the {most} that become columns; name another \
-         solution, or write this one with `hemicube solve -o FILE.npz`"
+         solution, or solve into an `.npz` file"
     )]
     TooManyRightHandSides {
         /// Its name.
@@ -104,14 +104,12 @@ pub enum UnfitStep {
     Close,
     /// Balance the matrix until pairs agree.
     Reciprocate,
-    /// Balance the matrix, leaving small form factors out.
-    Thin,
     /// See what the matrix has.
     Check,
     /// Close the scene: see where its holes are.
     CloseScene,
-    /// Leave objects that are inside of others out.
-    Exclude,
+    /// Cut facets that others cover in part, leave them out, or turn those that face inwards.
+    CutOrExclude,
 }
 
 impl From<&str> for UnfitStep {

@@ -332,13 +332,7 @@ impl Tally {
     }
 
     /// `of` is the number examined and the population; `whole` the reference of the total, if it is a share.
-    fn finding(
-        self,
-        kind: FindingKind,
-        of: Examined,
-        whole: Option<f64>,
-        next: impl Into<Advice>,
-    ) -> Option<Finding> {
+    fn finding(self, kind: FindingKind, of: Examined, whole: Option<f64>, next: impl Into<Advice>) -> Option<Finding> {
         let Advice { next, helps } = next.into();
         if self.count == 0 {
             return None;
@@ -455,7 +449,7 @@ pub fn doubles(model: &Model, scene: &Scene, options: DiagnoseOptions) -> Ledger
         let (what, next) = match finding.kind {
             FindingKind::Overlap => (
                 "pair of triangles that cover each other in one plane",
-                "one hides the other: delete one of each, or `hemicube inspect` lists more",
+                "one hides the other: delete one of each",
             ),
             FindingKind::NearContact => (
                 "pair of triangles that face each other with hardly a gap",

@@ -1,6 +1,6 @@
 //! Errors as Python's exceptions: classes of `hemicube._errors` with the library's messages.
 
-use crate::keywords::keywords;
+use crate::words;
 use hemicube::driver::compute::ComputeError;
 use hemicube::driver::input::InputError;
 use hemicube::driver::job::JobError;
@@ -49,9 +49,9 @@ impl Class {
         }
     }
 
-    /// The exception, with options of the library's message as keywords.
+    /// The exception.
     fn raise(self, message: &str) -> PyErr {
-        let message = keywords(message);
+        let message = message.to_owned();
         Python::attach(|py| {
             let class = py
                 .import("hemicube._errors")
@@ -96,7 +96,10 @@ pub(crate) fn scene(error: &SceneError) -> PyErr {
         ErrorKind::Io(source) => Class::of_io(source),
         _ => Class::Input,
     }
-    .raise(&message(error))
+    .raise(&match words::of_scene(error) {
+        Some(step) => format!("{}; {step}", message(error)),
+        None => message(error),
+    })
 }
 
 pub(crate) fn uncut(error: &InputError) -> PyErr {
@@ -124,7 +127,6 @@ pub(crate) fn store(error: &StoreError) -> PyErr {
         StoreError::NoSpace { .. } | StoreError::DiskTooSmall { .. } | StoreError::Locked { .. } => {
             Class::File.raise(&text)
         }
-        // The library's messages name the program's flag.
         StoreError::Exists { path } => {
             Class::Store.raise(&format!("`{}` exists; `overwrite=True` replaces it", path.display()))
         }
@@ -154,6 +156,7 @@ pub(crate) fn job(error: &JobError) -> PyErr {
         }
         JobError::Rows(failed) => compute(&failed.source),
         JobError::Store(error) => store(error),
+        JobError::MixedOptics { by, .. } => input(format!("{error}; `patches='{by}'` has no such patches")),
         error => input(message(error)),
     }
 }

@@ -5,6 +5,7 @@ use crate::matrix::{Matrix, stored};
 use crate::numbers;
 use crate::pandas;
 use crate::scene::Scene;
+use crate::words;
 use hemicube::Grouping;
 use hemicube::analysis::zones::{GroupBy, Zone, zones};
 use hemicube::solve::StoredSolution;
@@ -47,7 +48,7 @@ pub(crate) fn values(given: &Bound<'_, PyDict>, patches: usize) -> PyResult<Name
 fn failed(error: &hemicube_export::Error) -> PyErr {
     match error {
         hemicube_export::Error::Store(error) => errors::store(error),
-        hemicube_export::Error::Unfit { next, .. } => errors::input(format!("{error}; {next}")),
+        hemicube_export::Error::Unfit { next, .. } => errors::input(format!("{error}; {}", words::of_export(next))),
         error => errors::input(error.to_string()),
     }
 }

@@ -6,6 +6,7 @@ use crate::matrix::{Matrix, Use, stored};
 use crate::numbers;
 use crate::scene::warn;
 use crate::solve::{KELVIN_MAX, Manner, PairsOf};
+use crate::words;
 use hemicube::analysis::surfaces::{
     ERROR_TOLD, EnclosureError, HeatBalance, MatrixTables, SurfaceHeat, heat_by_surface, heat_errors, row_errors,
 };
@@ -95,7 +96,10 @@ pub(crate) fn ground(
 
 /// An error of properties, with its next step.
 pub(crate) fn wrong(error: PropertyError) -> PyErr {
-    let step = error.step.map(|step| format!("; {step}"));
+    let step = error
+        .step
+        .as_ref()
+        .map(|step| format!("; {}", words::of_properties(step)));
     errors::input(error.reason + &step.unwrap_or_default())
 }
 

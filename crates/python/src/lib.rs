@@ -16,7 +16,6 @@ mod exchange;
 mod export;
 mod faces;
 mod heat;
-mod keywords;
 mod matrix;
 mod numbers;
 mod pandas;
@@ -28,6 +27,7 @@ mod session;
 mod sky;
 mod solve;
 mod views;
+mod words;
 
 use pyo3::prelude::*;
 

@@ -1,6 +1,5 @@
 //! Scenes: triangles from arrays or a file, cut into patches and made ready for hemicubes.
 
-use crate::keywords::keywords;
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use glam::DVec3;
@@ -82,7 +81,7 @@ pub(crate) fn axis(name: &str) -> PyResult<Axis> {
 }
 
 pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
-    let text = CString::new(keywords(message).replace('\0', " ")).map_err(|error| errors::input(error.to_string()))?;
+    let text = CString::new(message.replace('\0', " ")).map_err(|error| errors::input(error.to_string()))?;
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 

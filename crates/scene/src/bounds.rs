@@ -160,8 +160,7 @@ impl Bounds {
             return Ok(());
         }
         Err(too_large(format!(
-            "{what} would take {} MB or more, and {} MB of memory are left; place fewer copies, or allow more \
-             (`--memory`)",
+            "{what} would take {} MB or more, and {} MB of memory are left; place fewer copies, or allow more",
             bytes / 1_000_000,
             self.room / 1_000_000
         )))

@@ -98,7 +98,7 @@ impl fmt::Display for NoRoom {
         let size = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
         write!(f, "{} takes {}, and ", self.what, size(self.bytes))?;
         match self.allowed {
-            Some(allowed) => write!(f, "`--memory` of {} has {} left", size(allowed), size(self.left)),
+            Some(allowed) => write!(f, "{} of the {} allowed are left", size(self.left), size(allowed)),
             None => write!(f, "{} of memory are free", size(self.left)),
         }
     }

@@ -37,6 +37,9 @@ pub enum ErrorKind {
     /// More than a file of its size may become; [`ReadOptions::allow_large`](crate::ReadOptions) lifts the limit.
     #[error("{0}")]
     OverLimit(String),
+    /// More memory than is left.
+    #[error("{0}")]
+    NoRoom(NoRoom),
 }
 
 impl Error {
@@ -76,8 +79,7 @@ impl Error {
 
 impl From<NoRoom> for Error {
     fn from(refused: NoRoom) -> Self {
-        let message = format!("{refused}; `--memory {}M` allows it", refused.megabytes());
-        Self::new(ErrorKind::TooLarge(message))
+        Self::new(ErrorKind::NoRoom(refused))
     }
 }
 

@@ -73,8 +73,8 @@ pub use files::{ArrayFile, SolutionWriter, StoredSolution};
 pub use heat::{Given, Heat, HeatSolution, OPEN, Undetermined, open_share, solve_heat};
 pub use pairs::{Pairs, Reading, SUMS, Weights, disagreement};
 pub use properties::{
-    Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, PropertyStep, RGB, Spectrum, Tables, Temperature,
-    Thermal, question_of_cold,
+    Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, PropertyStep, RGB, Spectrum, Tables,
+    Temperature, Thermal, question_of_cold,
 };
 
 use hemicube_store::{Error as StoreError, RowTable};
@@ -187,7 +187,7 @@ pub enum SolveError {
     /// The iteration left the range of numbers.
     #[error(
         "the residual is {residual} after {iteration} products with the matrix: its rows sum to more than 1 where \
-         surfaces reflect all, or its numbers are none; `hemicube check` says which, and lower reflectances help the \
+         surfaces reflect all, or its numbers are none; a check of the matrix tells; lower reflectances help the \
          first"
     )]
     Diverged {

@@ -269,12 +269,13 @@ fn is_zero(number: &f64) -> bool {
     *number == 0.0
 }
 
-/// A setting in words: ``with `split` 2``, ``without `min_factor` ``.
+/// A setting in words: `with split 2`, `without min factor`.
 fn in_words(name: &str, value: &Value) -> String {
-    let with = |value: &dyn std::fmt::Display| format!("with `{name}` {value}");
+    let shown = name.replace('_', " ");
+    let with = |value: &dyn std::fmt::Display| format!("with {shown} {value}");
     match value {
-        Value::Null => format!("without `{name}`"),
-        Value::Array(globs) if globs.is_empty() => format!("without `{name}`"),
+        Value::Null => format!("without {shown}"),
+        Value::Array(globs) if globs.is_empty() => format!("without {shown}"),
         Value::Array(globs) => {
             let globs: Vec<String> = globs.iter().map(|glob| in_words(name, glob)).collect();
             globs.join(" and ")
@@ -322,7 +323,9 @@ fn differing(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) 
         }
         (Value::Object(_), Value::Null) | (Value::Null, Value::Object(_)) if name == "specular" => {
             let [theirs, ours] = [theirs, ours].map(|value| if value.is_null() { "without" } else { "with" });
-            found.push(format!("it was computed {theirs} mirrors and panes, and here it is {ours}"));
+            found.push(format!(
+                "it was computed {theirs} mirrors and panes, and here it is {ours}"
+            ));
         }
         (Value::Object(theirs), Value::Object(ours)) if !matches!(name, "subdivision" | "rows") => {
             let keys: std::collections::BTreeSet<&String> = theirs.keys().chain(ours.keys()).collect();

@@ -287,7 +287,7 @@ impl Store {
         if manifest.patches.is_none() {
             return Err(Error::malformed(
                 directory,
-                "has no patch table: its run was ended before it had written one; `hemicube compute` with the scene \
+                "has no patch table: its run was ended before it had written one; computing the scene again \
                  goes on with it",
             ));
         }

@@ -478,8 +478,8 @@ fn gather_parts(
                         return Ok(());
                     }
                     let reason = "two directories have this part in two versions, though of one run: were they \
-                                  computed by the same program, and on disks that can be trusted? `hemicube check` on \
-                                  a whole store of either tells";
+                                  computed by the same program, and on disks that can be trusted? a check of a \
+                                  whole store of either tells";
                     return Err(Error::refused(&path, reason));
                 }
                 (Ok(found), Err(_)) => {

@@ -31,7 +31,7 @@ pub fn read_sky_view_factors(path: &Path) -> Result<Vec<f64>> {
             let row: u64 = row;
             Err(Error::malformed(
                 path,
-                format!("has the sky view factor {factor} in row {row}; `hemicube sky` computes it anew"),
+                format!("has the sky view factor {factor} in row {row}; compute it anew"),
             ))
         }
     }
@@ -57,7 +57,7 @@ fn require_seal(path: &Path) -> Result<()> {
     }
     Err(Error::malformed(
         path,
-        "is not as it was written: its seal does not hold; `hemicube sky` computes it anew",
+        "is not as it was written: its seal does not hold; compute it anew",
     ))
 }
 
@@ -68,7 +68,7 @@ fn require_patches(path: &Path, store: &Store, rows: usize) -> Result<()> {
     Err(Error::malformed(
         path,
         format!(
-            "has {rows} rows and the matrix {} patches: it is of another one; `hemicube sky` computes it anew",
+            "has {rows} rows and the matrix {} patches: it is of another one; compute it anew",
             store.patch_count()
         ),
     ))

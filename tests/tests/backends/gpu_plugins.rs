@@ -131,15 +131,7 @@ fn wgpu_has_exact_edges_on_the_conformance_scenes() {
 fn measured(place: &Path, scene: &str, backend: &str, how: &[&str]) -> f64 {
     let output = Command::new(program())
         .current_dir(place)
-        .args([
-            "compute",
-            scene,
-            "-o",
-            "F",
-            "--overwrite",
-            "--backend",
-            backend,
-        ])
+        .args(["compute", scene, "-o", "F", "--overwrite", "--backend", backend])
         .env("HEMICUBE_BACKEND_PATH", folder())
         // A few pairs that the centroid sees and hardly any other point does make up most of the error: 48 rows cannot
         // tell.

@@ -295,14 +295,7 @@ fn fault_05_required_function_missing_or_name_wrong() {
     };
     let output = here(&["backends", "list"]);
     assert!(text(&output.stdout).contains("it calls itself `bad-table`, not `other-name`"));
-    let arguments = [
-        "compute",
-        "room.obj",
-        "-o",
-        "m",
-        "--backend",
-        "other-name",
-    ];
+    let arguments = ["compute", "room.obj", "-o", "m", "--backend", "other-name"];
     let said = text(&here(&arguments).stderr);
     assert!(
         said.starts_with("error: no backend named `other-name`\n  tried  "),

@@ -312,9 +312,7 @@ fn what_a_plugin_does_not_count_the_host_counts() {
 fn run(folder: &Path, program: &Path, line: &str) -> Output {
     let mut command = command_in(program, folder);
     command.env("HOME", folder);
-    with_words(&mut command, line)
-        .output()
-        .expect("the program runs")
+    with_words(&mut command, line).output().expect("the program runs")
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -436,8 +434,10 @@ fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
     );
     // Named, it is used although it runs on the processor; and what fails is not replaced.
     let said = text(
-        &here("HEMICUBE_BACKEND_PATH=software compute room.obj -o d --backend vulkan --correction pixel --resolution 16")
-            .stderr,
+        &here(
+            "HEMICUBE_BACKEND_PATH=software compute room.obj -o d --backend vulkan --correction pixel --resolution 16",
+        )
+        .stderr,
     );
     assert!(said.contains("backend vulkan 1 (one processor core)"), "{said}");
     let output = here("HEMICUBE_BACKEND_PATH=gpu compute room.obj -o e --backend vulkan --correction pixel");
@@ -492,10 +492,7 @@ fn backends_check_tells_held_from_not_claimed_from_broken() {
     let place = tempfile::tempdir().expect("a temporary directory");
     let here = |line: &str| run(place.path(), &program(), line);
     let check = |plugin: &Path, only: &str| {
-        let output = here(&format!(
-            "backends check {} --only {only} --json",
-            plugin.display()
-        ));
+        let output = here(&format!("backends check {} --only {only} --json", plugin.display()));
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
         (output.status.code(), report)
     };

@@ -125,7 +125,6 @@ fn hemicubes_are_seen_one_after_another() {
     }
     let _ = running.kill();
     let _ = running.wait();
-
 }
 
 #[test]

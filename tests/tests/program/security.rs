@@ -110,7 +110,9 @@ fn a_plugin_that_is_cut_short_is_refused_before_it_is_opened() {
             .is(2)
             .says(&["cut short"]);
         place
-            .line(&format!("HEMICUBE_BACKEND_PATH=b {COMPUTE} --backend auto -o a --overwrite"))
+            .line(&format!(
+                "HEMICUBE_BACKEND_PATH=b {COMPUTE} --backend auto -o a --overwrite"
+            ))
             .is(0);
     }
     let mut other = program[..].to_vec();

@@ -53,7 +53,11 @@ fn keys(study: &Value) -> BTreeSet<String> {
 fn line(place: &Place, words: &str) -> Ran {
     let example = program().with_file_name("examples").join("study");
     let mut command = command_in(&example, &place.path("."));
-    command.args(words.split_whitespace()).output().expect("`cargo build --example study` made it").into()
+    command
+        .args(words.split_whitespace())
+        .output()
+        .expect("`cargo build --example study` made it")
+        .into()
 }
 
 #[track_caller]

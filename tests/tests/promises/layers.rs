@@ -185,3 +185,33 @@ mod tests {
     let found: Vec<String> = uses(&code(source)).into_iter().collect();
     assert_eq!(found, ["Model", "a", "d", "e", "i"]);
 }
+
+/// Options that the texts of a source name: `--word`, outside comments and unit tests.
+fn options(source: &str) -> Vec<String> {
+    let product = source.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();
+    let lines = product.lines().filter(|line| !line.trim_start().starts_with("//"));
+    lines
+        .flat_map(|line| {
+            line.match_indices("--").filter_map(|(at, _)| {
+                let before = line[..at].chars().next_back().unwrap_or('`');
+                let word: String = line[at + 2..].chars().take_while(char::is_ascii_lowercase).collect();
+                (word.len() > 2 && "`\" (='".contains(before)).then(|| format!("--{word}"))
+            })
+        })
+        .collect()
+}
+
+#[test]
+fn no_library_names_an_option() {
+    for library in ["scene", "spatial", "store", "hemicube", "solve", "export"] {
+        let mut files = Vec::new();
+        sources(&workspace().join("crates").join(library).join("src"), &mut files);
+        assert!(!files.is_empty());
+        for file in files {
+            let source = std::fs::read_to_string(&file).expect("a source");
+            assert_eq!(options(&source), Vec::<String>::new(), "{}", file.display());
+        }
+    }
+    let source = "// `--left`\nlet text = \"cut it by `--split 2`, or --flip\";\nlet less = n--m;\n";
+    assert_eq!(options(source), ["--split", "--flip"]);
+}

@@ -229,8 +229,7 @@ fn quads_are_the_aggregate_of_their_triangles() {
     let place = Place::new();
     place.write("room.obj", quads(4));
     let compute = |name: &str, kind: &str| {
-        let line =
-            format!("compute room.obj -o {name} --patches {kind} --correction pixel --json --threads 2");
+        let line = format!("compute room.obj -o {name} --patches {kind} --correction pixel --json --threads 2");
         place.line(&line).is(0).json()
     };
     let (triangles, faces) = (compute("triangles", "triangle"), compute("faces", "face"));

@@ -672,15 +672,9 @@ fn marks_of_byte_order_are_taken_by_every_text_format() {
         ("s.json", json),
     ] {
         write(&place, name, text.as_bytes());
-        let plain = place
-            .line(&format!("inspect {name} --json --config=none"))
-            .is(0)
-            .json();
+        let plain = place.line(&format!("inspect {name} --json --config=none")).is(0).json();
         write(&place, name, format!("\u{FEFF}{text}").as_bytes());
-        let marked = place
-            .line(&format!("inspect {name} --json --config=none"))
-            .is(0)
-            .json();
+        let marked = place.line(&format!("inspect {name} --json --config=none")).is(0).json();
         assert_eq!(plain["scene"], marked["scene"], "{name}");
         for to_bytes in [u16::to_le_bytes, u16::to_be_bytes] {
             let wide: Vec<u8> = format!("\u{FEFF}{text}").encode_utf16().flat_map(to_bytes).collect();

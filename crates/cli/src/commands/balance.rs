@@ -60,9 +60,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        Paths::default()
-            .store([&self.store])
-            .makes([&self.output])
+        Paths::default().store([&self.store]).makes([&self.output])
     }
 }
 

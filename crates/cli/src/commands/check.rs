@@ -554,7 +554,11 @@ fn verdicts_text(found: &CheckReport, store: &Store) -> String {
     let verdicts: Vec<&Verdict> = found.verdicts.each().into_iter().map(|(_, verdict)| verdict).collect();
     for (Sentence { subject, state, what }, verdict) in sentences(found).into_iter().zip(verdicts) {
         list.add(subject, format!("{:10}  {what}", word(state)));
-        for failure in found.failures.iter().filter(|failure| verdict.failed.contains(&failure.check)) {
+        for failure in found
+            .failures
+            .iter()
+            .filter(|failure| verdict.failed.contains(&failure.check))
+        {
             let first = if failure.check == Check::Complete {
                 failure.first.clone()
             } else {

@@ -4,6 +4,7 @@ mod arguments;
 
 pub(crate) use arguments::Arguments;
 
+use crate::advice;
 use crate::args::{AutoSwitch, RowRange, RowsAsked, SampleSize, SelectionSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
@@ -447,7 +448,11 @@ impl Observer for Watch<'_> {
     fn note(&self, note: Note<'_>) {
         match note {
             Note::Level(reason) => self.talk.detail(reason),
-            Note::Storage(reason) => self.talk.say(reason),
+            Note::Storage(policy) => {
+                if let Some(chosen) = advice::of_storage(policy) {
+                    self.talk.say(&chosen);
+                }
+            }
             Note::Culling(probe) => self.talk.detail(&format!(
                 "culling {}: it leaves {} of the triangles in {}",
                 on_or_off(probe.culling()),
@@ -613,7 +618,11 @@ impl Ending<'_> {
         let mut report = report_of(begun, prepared, tally, finished, timings);
         if !finished.resumed.is_complete {
             let took = finished.summary.elapsed.as_secs_f64();
-            talk.say(&format!("{} in {}", counted(finished.summary.rows, "row"), duration(took)));
+            talk.say(&format!(
+                "{} in {}",
+                counted(finished.summary.rows, "row"),
+                duration(took)
+            ));
         }
         talk.detail(details(&report, &finished.summary).trim_end());
         let exit = match arguments.verify {
@@ -1186,7 +1195,11 @@ fn summary(report: &Report, finished: &Finished) -> String {
             Some(asked) => format!(" (asked: {})", level::asked(asked)),
             None => String::new(),
         };
-        let measure = if report.verification.is_none() { "; `--verify 32` measures it" } else { "" };
+        let measure = if report.verification.is_none() {
+            "; `--verify 32` measures it"
+        } else {
+            ""
+        };
         list.add("error", format!("{} expected{asked}{measure}", small_percent(expected)));
     } else if report.verification.is_none() {
         list.add("error", "not estimated for sums of pixels; `--verify 32` measures it");
@@ -1204,7 +1217,11 @@ fn summary(report: &Report, finished: &Finished) -> String {
     }
     list.add(
         "energy",
-        format!("{}; rows close within {}", energy.join(", "), small_percent(report.closure)),
+        format!(
+            "{}; rows close within {}",
+            energy.join(", "),
+            small_percent(report.closure)
+        ),
     );
     if let Some(thinning) = report.thinning {
         list.add(
@@ -1233,7 +1250,10 @@ fn warn_of_backs(report: &Report, arguments: &Arguments, talk: Talk) {
     if rows == 0 {
         return;
     }
-    let scene = arguments.scene.as_deref().map_or_else(|| "SCENE".into(), |scene| word(scene).to_string());
+    let scene = arguments
+        .scene
+        .as_deref()
+        .map_or_else(|| "SCENE".into(), |scene| word(scene).to_string());
     talk.warn(&if report.is_two_sided {
         format!(
             "{} covered by other surfaces in more than half of the view; `hemicube inspect {scene}` says where",

@@ -323,7 +323,11 @@ fn pairs(found: &Found<'_>) -> String {
     let rows = pairs.into_iter().map(|(area, from, to)| {
         [
             network.names[from].clone(),
-            network.names.get(to).map_or("(surroundings)", String::as_str).to_owned(),
+            network
+                .names
+                .get(to)
+                .map_or("(surroundings)", String::as_str)
+                .to_owned(),
             format!("{:.6}", exchange.gebhart(0, from, to)),
             format!("{area:.5e}"),
             format!("{:.5e}", exchange.conductance(network, 0, from, to)),

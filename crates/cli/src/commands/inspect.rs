@@ -56,9 +56,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        Paths::default()
-            .reads(&self.scene)
-            .reads(&self.config.config)
+        Paths::default().reads(&self.scene).reads(&self.config.config)
     }
 }
 

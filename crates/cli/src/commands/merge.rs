@@ -38,9 +38,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        Paths::default()
-            .store([&self.store])
-            .store(&self.sources)
+        Paths::default().store([&self.store]).store(&self.sources)
     }
 }
 

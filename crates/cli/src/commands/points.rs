@@ -14,9 +14,7 @@ use crate::outputs::Paths;
 use crate::portals::PortalSettings;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
-use crate::report::{
-    Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent, print, table,
-};
+use crate::report::{Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent, print, table};
 use crate::stored;
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
@@ -598,10 +596,18 @@ impl Task<'_> {
             );
         }
         let range = |of: fn(&Kept) -> f64| {
-            let ends = rows.iter().map(of).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                (low.min(value), high.max(value))
-            });
-            format!("{:.4} on average, from {:.4} to {:.4}", self.mean(rows, of), ends.0, ends.1)
+            let ends = rows
+                .iter()
+                .map(of)
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                    (low.min(value), high.max(value))
+                });
+            format!(
+                "{:.4} on average, from {:.4} to {:.4}",
+                self.mean(rows, of),
+                ends.0,
+                ends.1
+            )
         };
         list.add("sky view factor", range(|row| row.row.sky));
         list.add("ground below the horizon", range(|row| row.row.ground));
@@ -643,7 +649,11 @@ impl Task<'_> {
             text.push_str(&format!(
                 "{} more are not shown{}\n",
                 count((rows.len() - SHOWN) as u64),
-                if self.arguments.output.is_empty() { "; `-o FILE.csv` has all" } else { "" }
+                if self.arguments.output.is_empty() {
+                    "; `-o FILE.csv` has all"
+                } else {
+                    ""
+                }
             ));
         }
         text
@@ -655,7 +665,8 @@ impl Task<'_> {
             let most = row.groups.iter().max_by(|a, b| a.1.total_cmp(&b.1));
             [
                 row.sensor.to_string(),
-                self.heat.map_or_else(|| "–".to_owned(), |_| format!("{:.2}", row.temperature)),
+                self.heat
+                    .map_or_else(|| "–".to_owned(), |_| format!("{:.2}", row.temperature)),
                 format!("{:.4}", row.row.sky),
                 format!("{:.4}", row.row.ground),
                 most.map_or_else(String::new, |(group, factor)| {

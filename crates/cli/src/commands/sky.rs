@@ -457,7 +457,10 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
     let folders: Vec<&PathBuf> = arguments.folders().collect();
     if let (Some(_), [folder, ..]) = (&arguments.matrix, &folders[..]) {
         return Err(hinted(
-            anyhow!("`-o {}` is a second directory: with `--matrix` the rows are written beside the matrix", folder.display()),
+            anyhow!(
+                "`-o {}` is a second directory: with `--matrix` the rows are written beside the matrix",
+                folder.display()
+            ),
             "leave it out, or name a .csv",
         ));
     }
@@ -1003,7 +1006,8 @@ fn require_memory(arguments: &Arguments, prepared: &Prepared, points: usize, sun
     let division = SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?;
     let rows = (prepared.patches.len() + points) as u64;
     let columns = u64::from(division.columns()) / 2 * size_of::<(u32, u64)>() as u64;
-    let lit = if arguments.csv.is_some() && arguments.output.is_none() && arguments.store.is_none() {
+    let is_table_alone = arguments.tables().next().is_some() && arguments.folders().next().is_none();
+    let lit = if is_table_alone && arguments.matrix.is_none() {
         0
     } else {
         2 * size_of::<f32>() as u64 * suns as u64
@@ -1072,7 +1076,10 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> Str
             factor.max,
         ),
     );
-    list.add("ground below the horizon", format!("{} on average", percent(record.ground)));
+    list.add(
+        "ground below the horizon",
+        format!("{} on average", percent(record.ground)),
+    );
     list.add(
         "sky",
         format!(
@@ -1086,8 +1093,15 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> Str
         "error",
         match (record.tolerance, record.tolerance_of_matrix) {
             (Some(tolerance), _) => match record.unsettled {
-                0 => format!("rows changed by {} at most at the last refinement", asked_for(tolerance)),
-                rows => format!("{} still changed by more than {}", counted(rows, "row"), asked_for(tolerance)),
+                0 => format!(
+                    "rows changed by {} at most at the last refinement",
+                    asked_for(tolerance)
+                ),
+                rows => format!(
+                    "{} still changed by more than {}",
+                    counted(rows, "row"),
+                    asked_for(tolerance)
+                ),
             },
             (None, Some(tolerance)) => format!(
                 "may be above the matrix's tolerance; `--tolerance {}` refines to it",
@@ -1099,7 +1113,11 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> Str
     if let Some(same) = record.rows_as_in_matrix {
         list.add(
             "matrix",
-            format!("escaped energy agrees with the matrix in {} of {}", count(same), counted(record.patches, "row")),
+            format!(
+                "escaped energy agrees with the matrix in {} of {}",
+                count(same),
+                counted(record.patches, "row")
+            ),
         );
     }
     for (index, point) in points.iter().enumerate().take(5) {
@@ -1123,7 +1141,13 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> Str
         );
     }
     if points.len() > 5 {
-        list.add("", format!("{} more points are not shown; `-o DIR` has all", count((points.len() - 5) as u64)));
+        list.add(
+            "",
+            format!(
+                "{} more points are not shown; `-o DIR` has all",
+                count((points.len() - 5) as u64)
+            ),
+        );
     }
     list.text()
 }

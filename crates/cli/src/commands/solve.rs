@@ -324,7 +324,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     drop(guard);
     let stored = StoredSolution::open(&store, name)?;
     let light = match &task.kind {
-        Kind::Light(_) => Some(light::Results::new(arguments.by, &stored, &store, &table, &record.bands)?),
+        Kind::Light(_) => Some(light::Results::new(
+            arguments.by,
+            &stored,
+            &store,
+            &table,
+            &record.bands,
+        )?),
         Kind::Heat(_) => None,
     };
     for output in &arguments.output {
@@ -433,9 +439,7 @@ impl Arguments {
     fn options(&self) -> SolveOptions {
         SolveOptions {
             method: match self.method {
-                MethodName::Gmres => Method::Gmres {
-                    restart: RESTART,
-                },
+                MethodName::Gmres => Method::Gmres { restart: RESTART },
                 MethodName::GaussSeidel => Method::GaussSeidel,
                 MethodName::Jacobi => Method::Jacobi,
             },
@@ -448,7 +452,9 @@ impl Arguments {
 
 /// Looks at the scene before anything is solved: warns of surfaces that face the wrong way.
 fn prepare_scene(arguments: &Arguments, store: &Store, talk: Talk) -> Result<()> {
-    let Some(scene) = arguments.scene(store) else { return Ok(()) };
+    let Some(scene) = arguments.scene(store) else {
+        return Ok(());
+    };
     let engine = EngineSettings::default();
     let prepared = stored::scene(store, &scene, &engine, Limits::of(arguments.allow_large))?;
     enclosure::warn_of_winding(&prepared, arguments.options().threads(), talk);

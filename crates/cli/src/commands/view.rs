@@ -41,12 +41,10 @@ impl View {
                 .store(&a.matrix)
                 .reads(&crate::portals::file_of(a.specular.as_ref()))
                 .writes("-o", &a.output, a.overwrite),
-            Self::Model(a) => {
-                Paths::default()
-                    .reads(&a.scene)
-                    .store([&a.store])
-                    .writes("-o", [&a.output], a.overwrite)
-            }
+            Self::Model(a) => Paths::default()
+                .reads(&a.scene)
+                .store([&a.store])
+                .writes("-o", [&a.output], a.overwrite),
             Self::Sparsity(a) => Paths::default()
                 .store([&a.store])
                 .writes("-o", [&a.output], a.overwrite),

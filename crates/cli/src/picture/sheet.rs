@@ -77,10 +77,7 @@ impl Format {
         match path.extension().map(|extension| extension.to_ascii_lowercase()) {
             Some(extension) if extension == "svg" => Ok(Self::Svg),
             Some(extension) if extension == "png" => Ok(Self::Png),
-            _ => bail!(
-                "`-o {}`: a name that ends in .svg or .png is needed",
-                path.display()
-            ),
+            _ => bail!("`-o {}`: a name that ends in .svg or .png is needed", path.display()),
         }
     }
 }

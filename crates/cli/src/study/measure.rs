@@ -2,10 +2,10 @@
 
 use crate::args::Talk;
 use crate::clock::{process_seconds, thread_seconds, wall_seconds};
+use crate::commands::tradeoff;
 use crate::study::results::{Accuracy, Cell, Choice, Course, Point, Rate, Results};
 use crate::study::scenes::{Ready, StudyScene};
 use crate::study::ways::{Finding, ORIGINAL, OURS, Target, Way, ways};
-use crate::commands::tradeoff;
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use hemicube::row::RowBlock;

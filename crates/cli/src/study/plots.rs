@@ -1,11 +1,11 @@
 //! The study's pictures. Colours are backends, markers are ways, and every number has its unit on the picture.
 
-use crate::study::results::{Accuracy, Course};
 use crate::picture::sheet::{
     Anchor, Area, Axis, BLACK, BOTTOM, Format, GREY, GRID, LEFT, Legend, Letters, Marker, RGBColor, RIGHT, Shape,
     Sheet, Sign, TOP, WHITE, color, faded, free_place,
 };
 use crate::report::{count, figures};
+use crate::study::results::{Accuracy, Course};
 use anyhow::Result;
 
 /// Points drawn alike.

@@ -1,10 +1,10 @@
 //! The study as Markdown: the thesis's tables, each cell with its number of rows.
 
+use crate::report::{about, count, duration, figures, percent, size};
 use crate::study::plots::times;
 use crate::study::results::{Cell, Course, Rate, Results};
 use crate::study::scenes::StudyScene;
 use crate::study::ways::{FLAT, FOUND_CULLING, FOUND_PARAMETERS, ORIGINAL, OURS, THESIS, Target, ways};
-use crate::report::{about, count, duration, figures, percent, size};
 
 /// Octree levels and least patches tried.
 pub(super) struct Grid {

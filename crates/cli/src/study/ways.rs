@@ -1,6 +1,5 @@
 //! Backends, and the ways to try each: *original*, *thesis*, *ours*, and others between them.
 
-use crate::args::EngineSettings;
 use crate::prepare::{BUILT_IN, registry};
 use anyhow::Result;
 use hemicube::HierarchyOptions;
@@ -260,10 +259,7 @@ pub(super) fn findings(target: &Target, parameters: Vec<Way>) -> Vec<Finding> {
 /// When a named one does not open.
 pub(super) fn targets(named: &[String]) -> Result<(Vec<Target>, Vec<String>)> {
     if !named.is_empty() {
-        let targets = named
-            .iter()
-            .map(|name| Target::open(name))
-            .collect::<Result<_>>()?;
+        let targets = named.iter().map(|name| Target::open(name)).collect::<Result<_>>()?;
         return Ok((targets, Vec::new()));
     }
     let (mut targets, mut without) = (Vec::new(), Vec::new());
@@ -278,4 +274,3 @@ pub(super) fn targets(named: &[String]) -> Result<(Vec<Target>, Vec<String>)> {
     }
     Ok((targets, without))
 }
-

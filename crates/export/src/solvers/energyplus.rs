@@ -12,7 +12,7 @@
 use super::{SolverJob, SolverWriter};
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::{Cancellable, too_large};
-use crate::{Error, Result};
+use crate::{Error, Result, UnfitStep};
 use hemicube_solve::analysis::zones::GroupBy;
 use hemicube_solve::solve::LEAST_EXCHANGE;
 use std::collections::HashSet;

@@ -40,8 +40,8 @@ impl SolverWriter for Petsc {
         if i32::try_from(found.entries).is_err() {
             return Err(too_large(
                 path,
-                "PETSc's default integers count 2,147,483,647 entries; leave small ones out by `hemicube balance \
-                 --min-factor`, or write a `.npz`",
+                "PETSc's default integers count 2,147,483,647 entries; leave small ones out of the matrix, or \
+                 write a `.npz`",
             ));
         }
         Ok(Some(16 + 4 * faces.len() as u64 + 12 * found.entries))

@@ -9,9 +9,9 @@
 //! nothing but backs is covered by another house, or lies under one: no air is on it, svf_i = 0, and it keeps its number.
 
 use super::{SolverJob, SolverWriter};
-use crate::Result;
 use crate::faces::{Face, Faces, Found, Grouping, Needs, Sums};
 use crate::write::Cancellable;
+use crate::{Result, UnfitStep};
 use hemicube_solve::analysis::zones::GroupBy;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -61,10 +61,7 @@ impl SolverWriter for Udales {
                         face.blocked,
                         job.faces.named(place)
                     ),
-                    "a facet that is covered in part, as ground that goes on under a house, has a row of no use: cut it \
-                     along the house in the modeller, or take it away, by `compute --exclude NAME` where it is an \
-                     object; what is covered whole is taken; what faces inwards otherwise is named by `hemicube \
-                     inspect`, and turned by `compute --flip`",
+                    UnfitStep::CutOrExclude,
                 ));
             }
             let row = job.faces.row(place)?;

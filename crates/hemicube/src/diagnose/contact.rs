@@ -7,7 +7,7 @@
 
 use super::precision::Grain;
 use super::sample::{examine, hash};
-use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, scale_of, shape};
+use super::{Advice, DiagnoseOptions, Examined, Example, Finding, FindingKind, Remedy, Tally, scale_of, shape};
 use crate::Model;
 use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
 use crate::geometry;

@@ -7,7 +7,9 @@
 
 use super::rays::{Caster, Emitter, Hit, directions};
 use super::sample::{examine, hash};
-use super::{DiagnoseOptions, Examined, Example, Finding, FindingKind, Tally, rounded, scale_of, shape};
+use super::{
+    Advice, DiagnoseOptions, Examined, Example, Finding, FindingKind, Remedy, Tally, rounded, scale_of, shape,
+};
 use crate::Model;
 use crate::bvh::Tree;
 use crate::factor::PointFactors;
@@ -233,7 +235,10 @@ fn how_to_cut(model: &Model, length: &str) -> (String, Remedy) {
         pieces.sum::<f64>() / surfaces.len().max(1) as f64
     });
     if times > TIMES_MAX {
-        ("cut all, for patches differ too much in size for one length".to_owned(), Remedy::Split)
+        (
+            "cut all, for patches differ too much in size for one length".to_owned(),
+            Remedy::Split,
+        )
     } else {
         let text = format!(
             "cut them: no longer than {length}, half their size, is {times:.1} times as many patches of the scene"

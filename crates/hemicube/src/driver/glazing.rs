@@ -254,7 +254,7 @@ fn by_name(kind: &str, names: &[&str], tables: &BTreeMap<String, Entry>, band: u
     let found = names.iter().map(law).collect::<Result<_>>()?;
     match patterns.unused(names) {
         Some(unused) => {
-            bail!("`[{kind}.\"{unused}\"]` matches no {kind}; `hemicube inspect` lists the {kind}s of a scene")
+            bail!("`[{kind}.\"{unused}\"]` matches no {kind} of the scene")
         }
         None => Ok(found),
     }

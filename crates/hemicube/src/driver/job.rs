@@ -216,8 +216,7 @@ pub enum JobError {
     },
     /// A patch has triangles with different mirrors or panes.
     #[error(
-        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ; compute rows by \
-         {by}",
+        "the {} `{name}` has triangles with different optics, and a patch has one ρs and one τ",
         kind.name()
     )]
     MixedOptics {

@@ -60,7 +60,10 @@ impl StoragePolicy {
     pub fn reason(&self) -> Option<String> {
         let form = self.is_form_chosen.then(|| "compact form".to_owned());
         let left_out = || format!("form factors below {LEAST_OF_LARGE:e} left out");
-        let chosen: Vec<String> = form.into_iter().chain(self.is_min_factor_chosen.then(left_out)).collect();
+        let chosen: Vec<String> = form
+            .into_iter()
+            .chain(self.is_min_factor_chosen.then(left_out))
+            .collect();
         (!chosen.is_empty()).then(|| format!("{}, as there are a million patches and more", chosen.join(", ")))
     }
 }

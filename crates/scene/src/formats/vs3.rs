@@ -553,8 +553,7 @@ impl<'a> Reader<'a> {
         let areas: Vec<f64> = masked.map(|surface| vector_area(&surface.corners).length()).collect();
         if !areas.is_empty() {
             scene.ledger.warnings.push(format!(
-                "{} masking surfaces and what they cover, {} of area, are left out: they see each other alone; \
-                 `hemicube view3d` has their rows",
+                "{} masking surfaces and what they cover, {} of area, are left out: they see each other alone",
                 areas.len(),
                 areas.iter().sum::<f64>()
             ));

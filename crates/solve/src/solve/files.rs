@@ -268,7 +268,7 @@ impl StoredSolution {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 let there = Self::names(store);
                 let there = if there.is_empty() {
-                    "there is none: `hemicube solve` makes one".to_owned()
+                    "there is none".to_owned()
                 } else {
                     format!("there are {}", there.join(", "))
                 };

@@ -18,7 +18,7 @@
 //! the tables of all materials or objects agree. Others are refused where they are needed and no table before has them.
 
 use hemicube_scene::globs::{Patterns, matches_glob};
-use hemicube_store::PatchTable;
+use hemicube_store::{PatchKind, PatchTable};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 
@@ -1257,11 +1257,12 @@ mod tests {
         assert!(
             error
                 .step
-                .is_some_and(|step| step.contains("`floor`, `Zone 3 / wall 1`"))
+                .is_some_and(|step| format!("{step:?}").contains("`floor`, `Zone 3 / wall 1`"))
         );
         let error = read("{\"material\": {\"wite\": {}}}").expect_err("no such material");
         let step = error.step.expect("a step");
         assert!(error.reason.contains("`wite` matches no material"));
+        let step = format!("{step:?}");
         assert!(step.contains("the matrix has `white`, `facade_a`") && step.contains("the objects `floor`"));
         // An object named among the materials is found, and said.
         let properties = read("{\"material\": {\"floor\": {\"temperature\": 3}}}").expect("an object");

@@ -40,7 +40,11 @@ pub(super) fn run(arguments: &Arguments, format: PatchFormat, json: Option<JsonR
         store.require_complete()?;
     }
     let scene = if format.needs_corners() {
-        Some(stored::scene_file(&store, arguments.scene.as_deref(), "`--scene SCENE`")?)
+        Some(stored::scene_file(
+            &store,
+            arguments.scene.as_deref(),
+            "`--scene SCENE`",
+        )?)
     } else {
         arguments.scene.clone()
     };

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 use hemicube::store::Store;
-use hemicube_export::{Error, Grouping, SolverFormat, SolverOptions, SolverReport, export_for};
+use hemicube_export::{Grouping, SolverFormat, SolverOptions, SolverReport, export_for};
 use serde::Serialize;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -128,14 +128,7 @@ pub(super) fn run(arguments: &Arguments, program: &str, json: Option<JsonReport>
         };
         export_for(&store, arguments.output(), format, &options)
     });
-    let found = written.map_err(|error| match error.downcast_ref() {
-        Some(Error::Unfit { next, .. }) => {
-            let next = next.clone();
-            hinted(error, next)
-        }
-        _ => error,
-    })?;
-    let Some(found) = found else {
+    let Some(found) = written? else {
         return Ok(Exit::Interrupted);
     };
     for file in &found.files {

@@ -1,6 +1,7 @@
 //! The report of `inspect` for people.
 
 use super::report::{DiagnosisReport, EdgeReport, EnclosureReport, FindingReport, Report};
+use crate::advice;
 use crate::enclosure;
 use crate::escape::shown;
 use crate::report::{self, Listing, about, count, counted, duration, figures, percent, size};
@@ -56,7 +57,10 @@ fn verdict(report: &Report) -> String {
         wrong.push("surfaces wound the wrong way".to_owned());
     }
     if !enclosure.leaks_said.is_empty() {
-        wrong.push(counted(enclosure.enclosure.leaks.len() as u64 + enclosure.enclosure.leaks_more, "leak"));
+        wrong.push(counted(
+            enclosure.enclosure.leaks.len() as u64 + enclosure.enclosure.leaks_more,
+            "leak",
+        ));
     }
     match report.diagnosis.findings.len() {
         0 => {}
@@ -407,15 +411,14 @@ fn finding_text(report: &FindingReport) -> String {
             format!("{who} at ({}): {}", at.join(" "), measured(example.value, report)),
         );
     }
-    for (number, line) in wrapped(&finding.next, WIDTH - 11).into_iter().enumerate() {
+    let next = match advice::of_finding(&finding.helps) {
+        options if options.is_empty() => finding.next.clone(),
+        options => format!("{} ({options})", finding.next),
+    };
+    for (number, line) in wrapped(&next, WIDTH - 11).into_iter().enumerate() {
         list.add(if number == 0 { "    try" } else { "" }, line);
     }
-    format!(
-        "\n  {}: {}\n{}",
-        kind.name(),
-        sentence(report),
-        list.text()
-    )
+    format!("\n  {}: {}\n{}", kind.name(), sentence(report), list.text())
 }
 
 /// Breaks a sentence into lines of at most `width` characters, except for longer words.

@@ -101,13 +101,7 @@ pub(super) fn grid(arguments: &Arguments, prepared: &Prepared, horizon: &Horizon
     let chosen = chosen(arguments, prepared)?;
     match arguments.height {
         Some(height) => above_ground(prepared, horizon, &chosen, step, height),
-        None => on_surfaces(
-            prepared,
-            horizon,
-            &chosen,
-            step,
-            OFFSET * step,
-        ),
+        None => on_surfaces(prepared, horizon, &chosen, step, OFFSET * step),
     }
 }
 

@@ -129,7 +129,9 @@ impl Exchange {
     ) -> Result<Self> {
         let thermal = properties.thermal().map_err(materials::told)?;
         let mut heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, rows)?;
-        let ambient = arguments.sky_temperature.map_or(0.0, hemicube::solve::Temperature::kelvin);
+        let ambient = arguments
+            .sky_temperature
+            .map_or(0.0, hemicube::solve::Temperature::kelvin);
         let ground = arguments.ground_temperature.map(hemicube::solve::Temperature::kelvin);
         match ground {
             None => heat.surround(&[(ambient, &rows.escaped)]),

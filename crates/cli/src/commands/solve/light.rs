@@ -4,10 +4,10 @@ use super::surfaces::{By, Format, SURFACES_SHOWN, five, name_of};
 use crate::report::{Listing, PendingFile, count, table};
 use crate::table::field;
 use anyhow::{Context, Result};
+use hemicube::PatchKind;
 use hemicube::analysis::zones::surfaces_of;
 use hemicube::solve::StoredSolution;
 use hemicube::store::{PatchTable, Store};
-use hemicube::PatchKind;
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -84,7 +84,11 @@ impl Results {
                     });
                 }
                 for (surface, sum) in surfaces.iter_mut().zip(sums) {
-                    let means = if is_radiosity { &mut surface.radiosity } else { &mut surface.irradiance };
+                    let means = if is_radiosity {
+                        &mut surface.radiosity
+                    } else {
+                        &mut surface.irradiance
+                    };
                     means.push(sum / surface.area);
                 }
             }
@@ -113,7 +117,13 @@ impl Results {
             );
         }
         if self.rows > self.bands.len() as u64 {
-            list.add("", format!("of the first of {} right-hand sides a band", count(self.rows / self.bands.len() as u64)));
+            list.add(
+                "",
+                format!(
+                    "of the first of {} right-hand sides a band",
+                    count(self.rows / self.bands.len() as u64)
+                ),
+            );
         }
         list.add("unit", "that of the emission given, per area: W/m² for W/m²");
         let mut shown: Vec<&Surface> = self.surfaces.iter().collect();
@@ -135,7 +145,10 @@ impl Results {
         });
         let mut text = list.text();
         text.push('\n');
-        text.push_str(&table([self.by.name(), "patches", "area", &radiosity, &irradiance], rows));
+        text.push_str(&table(
+            [self.by.name(), "patches", "area", &radiosity, &irradiance],
+            rows,
+        ));
         let left_out = self.surfaces.len() - shown.len();
         if left_out > 0 {
             text.push_str(&format!(
@@ -169,7 +182,12 @@ impl Results {
         }
         text.push('\n');
         for surface in &self.surfaces {
-            text.push_str(&format!("{},{},{}", field(&surface.name), surface.patches, surface.area));
+            text.push_str(&format!(
+                "{},{},{}",
+                field(&surface.name),
+                surface.patches,
+                surface.area
+            ));
             for value in surface.radiosity.iter().chain(&surface.irradiance) {
                 text.push_str(&format!(",{value}"));
             }

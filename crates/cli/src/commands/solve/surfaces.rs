@@ -65,10 +65,7 @@ impl Format {
         match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
             Some(extension) if extension == "csv" => Ok(Self::Csv),
             Some(extension) if extension == "json" => Ok(Self::Json),
-            _ => bail!(
-                "`-o {}`: a name that ends in .csv or .json is needed",
-                path.display()
-            ),
+            _ => bail!("`-o {}`: a name that ends in .csv or .json is needed", path.display()),
         }
     }
 }
@@ -278,7 +275,11 @@ impl Results {
                 ),
             );
         }
-        let told = if self.enclosures.len() > 1 || is_verbose { ENCLOSURES_SHOWN } else { 0 };
+        let told = if self.enclosures.len() > 1 || is_verbose {
+            ENCLOSURES_SHOWN
+        } else {
+            0
+        };
         for (at, enclosure) in self.enclosures.iter().enumerate().take(told) {
             list.add(&format!("enclosure {}", at + 1), enclosure.text());
         }

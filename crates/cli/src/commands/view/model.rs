@@ -104,7 +104,11 @@ fn what_there_is(store: &Store, named: Option<&str>) -> Result<Show> {
         let is_heat = solution(store, named)?.quantities().contains(&"flux");
         return Ok(Show::Quantity(if is_heat { "flux" } else { "radiosity" }.to_owned()));
     }
-    Ok(if stored::sky(store).is_ok() { Show::Sky } else { Show::Seen })
+    Ok(if stored::sky(store).is_ok() {
+        Show::Sky
+    } else {
+        Show::Seen
+    })
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
@@ -113,7 +117,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     crate::report::require_matrix(&arguments.store)?;
     let store = Store::open(&arguments.store)?;
     let patches = store.patch_count() as usize;
-    let scene = stored::scene_file(&store, arguments.scene.as_deref(), "`hemicube view model DIR SCENE -o FILE`")?;
+    let scene = stored::scene_file(
+        &store,
+        arguments.scene.as_deref(),
+        "`hemicube view model DIR SCENE -o FILE`",
+    )?;
     let show = match &arguments.show {
         Some(show) => show.clone(),
         None => what_there_is(&store, arguments.solution.as_deref())?,

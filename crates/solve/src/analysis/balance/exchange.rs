@@ -85,9 +85,7 @@ impl Survey {
                         && factor.is_finite()
                         && (!is_own || factor <= most.get(patch as usize).copied().unwrap_or(0.0));
                     if !exists || column <= before || !is_factor {
-                        let reason = format!(
-                            "has F[{patch}, {column}] = {factor} where none can be; `hemicube check` says more"
-                        );
+                        let reason = format!("has F[{patch}, {column}] = {factor} where none can be");
                         return Err(Error::malformed(
                             &store.directory().join(&manifest.parts[place].file),
                             reason,
