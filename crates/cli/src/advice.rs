@@ -136,7 +136,7 @@ pub(crate) fn of_finding(helps: &[Remedy]) -> String {
 
 /// What was chosen because the scene is large, and the options for the opposite; `None` where nothing was.
 pub(crate) fn of_storage(policy: &StoragePolicy) -> Option<String> {
-    let form = policy.is_form_chosen.then_some("--store plain");
+    let form = policy.is_form_chosen.then_some("--form plain");
     let least = policy.is_min_factor_chosen.then_some("--min-factor 0");
     let otherwise: Vec<&str> = form.into_iter().chain(least).collect();
     Some(format!("{}; `{}` otherwise", policy.reason()?, otherwise.join(" ")))

@@ -43,6 +43,7 @@ mod csr;
 mod durable;
 mod error;
 mod factors;
+mod finished;
 mod grouped;
 mod grouping;
 mod lock;
@@ -67,6 +68,7 @@ pub use assembly::{Assembly, Index};
 pub use durable::{DurableFile, TemporaryFile};
 pub use error::{Error, Result};
 pub use factors::{FactorIter, FactorSlice, FactorVec, Precision};
+pub use finished::FinishedRow;
 pub use grouping::{Grouping, PatchKind};
 pub use lock::FolderLock;
 pub use manifest::{
@@ -231,6 +233,12 @@ impl RowErrors {
     /// The inverse of [`Self::to_array`].
     pub const fn from_array([norm, sum, escaped]: [f32; 3]) -> Self {
         Self { norm, sum, escaped }
+    }
+
+    /// Returns whether Σ F, or the share that escapes, may be off by more than a tolerance: by three standard errors.
+    pub fn exceed(self, tolerance: f64) -> bool {
+        // NaN is no larger: what nobody estimated is not said to exceed anything.
+        ERRORS * f64::from(self.sum.max(self.escaped)) > tolerance
     }
 }
 

@@ -8,7 +8,7 @@
 //! what they did, whatever is left out.
 
 use super::closure::{ClosureTally, narrow, share_of, target_of};
-use super::{FactorSlice, Form, Part, compact};
+use super::{FactorSlice, FinishedRow, Form, Part, compact};
 use hemicube_spatial::whole;
 use serde::{Deserialize, Serialize};
 
@@ -125,11 +125,11 @@ impl Keeping<'_> {
     }
 
     /// Sum of a row's entries that may change, and their sum without the small ones.
-    fn sums(&self, part: &Part, start: usize) -> (f64, f64) {
+    fn sums(&self, row: &FinishedRow) -> (f64, f64) {
         if self.portals.is_empty() {
-            return sums(part.data.tail(start), self.min_factor);
+            return sums(row.factors.as_slice(), self.min_factor);
         }
-        let entries = part.indices[start..].iter().zip(part.data.tail(start));
+        let entries = row.columns.iter().zip(&row.factors);
         let changing = entries.filter(|&(&column, _)| !self.is_portal(column));
         changing.fold((0.0, 0.0), |(whole, kept), (_, factor)| {
             (
@@ -148,36 +148,36 @@ impl Keeping<'_> {
     }
 }
 
-/// Leaves small entries out of the last row of a part, from `start` on, and rounds the others. Updates `error`, the
-/// row's expected error.
-pub fn keep(part: &mut Part, start: usize, keeping: Keeping<'_>, error: &mut f32) -> RowChange {
+/// Leaves small entries out of a row, and rounds the others. Updates the row's standard error of its norm.
+pub fn keep(row: &mut FinishedRow, keeping: Keeping<'_>) -> RowChange {
     let min_factor = keeping.min_factor;
-    let (whole, kept) = keeping.sums(part, start);
+    let (whole, kept) = keeping.sums(row);
     let cut = if min_factor > 0.0 {
         SmallEntryRule::new(whole, kept, min_factor, MAX_SCALE)
     } else {
         SmallEntryRule::default()
     };
-    let mut end = start;
+    let mut end = 0;
     let (mut squares, mut stays) = (0.0, 0.0);
-    for place in start..part.data.len() {
-        let (column, factor) = (part.indices[place], part.data.at(place));
+    for place in 0..row.factors.len() {
+        let (column, factor) = (row.columns[place], row.factors.at(place));
         let is_portal = keeping.is_portal(column);
         let stored = keeping.stored(if is_portal { factor } else { cut.of(factor) });
         squares += (stored - factor).powi(2);
         stays += if is_portal { factor } else { 0.0 };
         if is_portal || cut.keeps(factor) {
-            part.indices[end] = column;
-            part.data.set(end, stored);
+            row.columns[end] = column;
+            row.factors.set(end, stored);
             end += 1;
         }
     }
-    let entries_dropped = (part.data.len() - end) as u64;
-    part.indices.truncate(end);
-    part.data.truncate(end);
+    let entries_dropped = (row.factors.len() - end) as u64;
+    row.columns.truncate(end);
+    row.factors.truncate(end);
     // NaN stays NaN.
     if squares > 0.0 {
-        *error = narrow((f64::from(*error).powi(2) + squares).sqrt());
+        let norm = &mut row.errors.norm;
+        *norm = narrow((f64::from(*norm).powi(2) + squares).sqrt());
     }
     RowChange {
         whole,
@@ -287,6 +287,7 @@ impl PartThinning {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Precision, RowErrors};
 
     fn of(min_factor: f64, form: Form) -> Keeping<'static> {
         Keeping {
@@ -296,73 +297,77 @@ mod tests {
         }
     }
 
-    fn part(data: &[f32]) -> Part {
-        Part {
-            indices: (0..).step_by(2).take(data.len()).collect(),
-            data: data.to_vec().into(),
-            ..Part::default()
+    /// A row with these form factors in the columns 0, 2, 4…
+    fn row_of(factors: &[f32], norm: f32) -> FinishedRow {
+        FinishedRow {
+            columns: (0..).step_by(2).take(factors.len()).collect(),
+            factors: factors.to_vec().into(),
+            errors: RowErrors {
+                norm,
+                ..RowErrors::default()
+            },
+            ..FinishedRow::new(0, Precision::Single)
         }
     }
 
     #[test]
     fn the_others_share_what_is_left_out() {
-        let mut row = part(&[9.0, 0.5, 0.01, 0.3, 0.02, 0.17]);
-        let mut error = 0.3f32;
-        let change = keep(&mut row, 1, of(0.05, Form::Plain), &mut error);
-        assert_eq!(row.indices, [0, 2, 6, 10]);
-        let sum: f64 = row.data.tail(1).iter().sum();
+        let mut row = row_of(&[0.5, 0.01, 0.3, 0.02, 0.17], 0.3);
+        let change = keep(&mut row, of(0.05, Form::Plain));
+        assert_eq!(row.columns, [0, 4, 8]);
+        let sum: f64 = row.factors.iter().sum();
         assert!((sum - 1.0).abs() < 1e-7 && (change.whole - 1.0).abs() < 1e-7);
-        assert!((row.data.at(1) / row.data.at(2) - 5.0 / 3.0).abs() < 1e-6);
+        assert!((row.factors.at(0) / row.factors.at(1) - 5.0 / 3.0).abs() < 1e-6);
         assert_eq!((change.entries_dropped, change.kept_whole), (2, false));
         assert!((change.dropped - 0.03).abs() < 1e-8 && (change.scale - 1.0 / 0.97).abs() < 1e-7);
-        assert_eq!(row.data.at(0), 9.0, "another row was touched");
         let moved = [0.5, 0.3, 0.17].map(|factor| (factor / 0.97 - factor) * (factor / 0.97 - factor));
         let squares = 0.09 + moved.iter().sum::<f64>() + 0.01f64.powi(2) + 0.02f64.powi(2);
-        assert!((f64::from(error) - squares.sqrt()).abs() < 1e-6);
+        assert!((f64::from(row.errors.norm) - squares.sqrt()).abs() < 1e-6);
     }
 
     #[test]
     fn a_row_that_would_lose_too_much_keeps_all() {
-        let mut row = part(&[0.5, 0.04, 0.04, 0.04, 0.04]);
-        let mut error = f32::NAN;
-        let change = keep(&mut row, 0, of(0.05, Form::Plain), &mut error);
-        assert_eq!((row.data.len(), change.kept_whole, change.dropped), (5, true, 0.0));
-        assert!(error.is_nan());
+        let mut row = row_of(&[0.5, 0.04, 0.04, 0.04, 0.04], f32::NAN);
+        let change = keep(&mut row, of(0.05, Form::Plain));
+        assert_eq!((row.factors.len(), change.kept_whole, change.dropped), (5, true, 0.0));
+        assert!(row.errors.norm.is_nan());
     }
 
     #[test]
     fn nothing_changes_in_the_plain_form_without_a_least_factor() {
-        let mut row = part(&[0.1, 1e-20, 0.7]);
-        let (before, mut error) = (row.clone(), 0.25);
-        let change = keep(&mut row, 0, of(0.0, Form::Plain), &mut error);
-        assert_eq!((row, error), (before, 0.25));
+        let mut row = row_of(&[0.1, 1e-20, 0.7], 0.25);
+        let before = row.clone();
+        let change = keep(&mut row, of(0.0, Form::Plain));
+        assert_eq!(row, before);
         assert!(!change.kept_whole && change.entries_dropped == 0);
     }
 
     /// Columns 0, 2, 4, 6: the second is a mirror.
     #[test]
     fn mirrors_keep_their_entries_and_what_they_hand_on() {
-        let mut row = part(&[0.6, 0.01, 0.02, 3.0]);
+        let mut row = row_of(&[0.6, 0.01, 0.02, 3.0], 0.0);
         let portals = [false, false, true, false, false, false, true];
         let keeping = Keeping {
             min_factor: 0.05,
             form: Form::Plain,
             portals: &portals,
         };
-        let change = keep(&mut row, 0, keeping, &mut 0.0);
-        assert_eq!(row.indices, [0, 2, 6]);
-        assert!((row.data.at(0) - 0.62).abs() < 1e-7, "the others sum to what they did");
-        assert_eq!((row.data.at(1), row.data.at(2)), (f64::from(0.01f32), 3.0));
+        let change = keep(&mut row, keeping);
+        assert_eq!(row.columns, [0, 2, 6]);
+        assert!(
+            (row.factors.at(0) - 0.62).abs() < 1e-7,
+            "the others sum to what they did"
+        );
+        assert_eq!((row.factors.at(1), row.factors.at(2)), (f64::from(0.01f32), 3.0));
         assert_eq!(change.entries_dropped, 1);
     }
 
     #[test]
     fn rounding_is_in_the_expected_error() {
-        let mut row = part(&[0.1, 0.2]);
-        let mut error = 0.0;
-        keep(&mut row, 0, of(0.0, Form::Compact), &mut error);
-        assert!(row.data != [0.1, 0.2][..]);
+        let mut row = row_of(&[0.1, 0.2], 0.0);
+        keep(&mut row, of(0.0, Form::Compact));
+        assert!(row.factors != [0.1, 0.2][..]);
         let off = [0.1f32, 0.2].map(|factor| Form::Compact.round(factor.into()) - f64::from(factor));
-        assert!((f64::from(error) - (off[0].powi(2) + off[1].powi(2)).sqrt()).abs() < 1e-10);
+        assert!((f64::from(row.errors.norm) - (off[0].powi(2) + off[1].powi(2)).sqrt()).abs() < 1e-10);
     }
 }

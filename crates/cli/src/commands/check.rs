@@ -432,6 +432,7 @@ pub(super) fn groups(found: &CheckReport) -> Vec<Group> {
         ),
         closure(found),
     ];
+    groups.extend(row_errors(found));
     groups.extend(escaped(found));
     if has_failed(found, &[Check::Entries]) {
         groups.push(Group::by(found, &[Check::Entries], "entries", "no row has an entry"));
@@ -458,6 +459,32 @@ fn closure(found: &CheckReport) -> Group {
     );
     let is_doubted = found.verdicts.quality.doubts.contains(&Doubt::Closure);
     Group::by(found, &[Check::Closure], "closure", what).doubted(is_doubted)
+}
+
+/// The standard errors that rows state, where a tolerance was asked for.
+fn row_errors(found: &CheckReport) -> Option<Group> {
+    let errors = found.row_errors?;
+    let rows = match errors.uncertain_rows {
+        0 => "no row may be off by more than the run's tolerance".to_owned(),
+        rows => format!(
+            "{} may be off by more than the run's tolerance, most the one of patch {}",
+            counted(rows, "row"),
+            errors.worst_patch
+        ),
+    };
+    let what = format!(
+        "standard error of a row's sum of F at most {} in 95 % of the rows, {} in all; of what escapes {} and {}; {rows} \
+         (three standard errors)",
+        figures(errors.sum_95),
+        figures(errors.sum_max),
+        figures(errors.escaped_95),
+        figures(errors.escaped_max),
+    );
+    Some(Group {
+        name: "row errors",
+        state: "-",
+        what,
+    })
 }
 
 /// The escaped share, of nearly closed scenes or with a bound.

@@ -86,6 +86,9 @@ struct Report {
     /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected_error: Option<f64>,
+    /// Rows of which three standard errors of Σ F, or of the share that escapes, are more than the tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uncertain_rows: Option<u64>,
     /// Asked for.
     #[serde(skip)]
     tolerance: Option<f64>,
@@ -203,6 +206,8 @@ struct Tally {
     max: f64,
     closure: f64,
     mostly_blocked: u64,
+    uncertain: u64,
+    tolerance: f64,
     effort: Effort,
     escaped: f64,
     blocked: f64,
@@ -212,8 +217,11 @@ struct Tally {
 }
 
 impl Tally {
-    fn new() -> Self {
+    /// For rows of which this is asked; ∞ where nothing is.
+    fn new(tolerance: f64) -> Self {
         Self {
+            uncertain: 0,
+            tolerance,
             parts: 0,
             rows: 0,
             entries: 0,
@@ -261,6 +269,8 @@ impl Tally {
             let passed = passage.map_or(0.0, |passage| passage.passed);
             self.closure = self.closure.max((sum - passed + lost.iter().sum::<f64>() - 1.0).abs());
             self.mostly_blocked += u64::from(lost[1] > 0.5);
+            let errors = part.errors.get(row);
+            self.uncertain += u64::from(errors.is_some_and(|errors| errors.exceed(self.tolerance)));
             self.escaped += lost[0];
             self.blocked += lost[1];
             self.unselected += lost[2];
@@ -534,7 +544,8 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let guard = exit::InterruptGuard::new();
     let begun: Vec<Begun> = outputs.iter().map(|_| Begun::new(&prepared, &run, shard)).collect();
     let threads = run.threads;
-    let mut tallies: Vec<Tally> = outputs.iter().map(|_| Tally::new()).collect();
+    let asked = run.plan.correction.tolerance().unwrap_or(f64::INFINITY);
+    let mut tallies: Vec<Tally> = outputs.iter().map(|_| Tally::new(asked)).collect();
     let mut takers: Vec<_> = tallies
         .iter_mut()
         .map(|tally| move |part: &Part| tally.add(part))
@@ -1116,6 +1127,7 @@ fn report_of(
             .all(|surface| surface.back.is_some()),
         closure: tally.closure,
         expected_error: tally.expected_error(),
+        uncertain_rows: tally.expected_error().map(|_| tally.uncertain),
         tolerance: finished.plan.correction.tolerance(),
         thinning: manifest.thinning,
         rays: tally.rays,
@@ -1195,12 +1207,19 @@ fn summary(report: &Report, finished: &Finished) -> String {
             Some(asked) => format!(" (asked: {})", level::asked(asked)),
             None => String::new(),
         };
+        let sums = match report.uncertain_rows.unwrap_or(0) {
+            0 => String::new(),
+            rows => format!("; the sums of {} may be off by more", counted(rows, "row")),
+        };
         let measure = if report.verification.is_none() {
             "; `--verify 32` measures it"
         } else {
             ""
         };
-        list.add("error", format!("{} expected{asked}{measure}", small_percent(expected)));
+        list.add(
+            "error",
+            format!("{} expected{asked}{sums}{measure}", small_percent(expected)),
+        );
     } else if report.verification.is_none() {
         list.add("error", "not estimated for sums of pixels; `--verify 32` measures it");
     }

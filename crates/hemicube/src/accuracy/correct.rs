@@ -20,7 +20,7 @@ use crate::backend::{Hemicube, WHOLE};
 use crate::bvh::Tree;
 use crate::factor::PointFactors;
 use crate::row::RowView;
-use crate::store::{Part, RowErrors, RowShares, RowSums};
+use crate::store::{FinishedRow, Precision, RowErrors, RowShares, RowSums};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::spaces::Spaces;
 use hemicube_scene::InputPatch;
@@ -138,15 +138,9 @@ pub(crate) struct Attempt {
 }
 
 /// Result of a row's conversion.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Converted {
-    pub(crate) sums: RowSums,
-    /// Non-visible shares, refined with the form factors.
-    pub(crate) shares: RowShares,
-    /// Standard errors; NaN at levels that do not estimate them.
-    pub(crate) errors: RowErrors,
-    /// Number of rays and points that fractions were measured with.
-    pub(crate) rays: u64,
+    pub(crate) row: FinishedRow,
     /// Number of partly visible pairs, at levels that know.
     pub(crate) partial: u64,
     /// True if form factors and non-visible shares are so far from summing to 1 that the hemicubes cannot stand for the
@@ -298,6 +292,8 @@ impl Default for Corrected {
 #[derive(Debug)]
 pub(crate) struct Converter<'c> {
     correction: Correction,
+    /// The width of form factors.
+    precision: Precision,
     cancel: Option<&'c AtomicBool>,
     /// Rays' shares of the last emitter of which they were asked for.
     ray_shares: Option<(InputPatch, RayShares)>,
@@ -313,9 +309,10 @@ pub(crate) struct Converter<'c> {
 
 impl<'c> Converter<'c> {
     /// When `cancel` becomes true, rows are left as they are.
-    pub(crate) fn new(correction: Correction, cancel: Option<&'c AtomicBool>) -> Self {
+    pub(crate) fn new(correction: Correction, precision: Precision, cancel: Option<&'c AtomicBool>) -> Self {
         Self {
             correction,
+            precision,
             cancel,
             ray_shares: None,
             met: Vec::new(),
@@ -334,7 +331,7 @@ impl<'c> Converter<'c> {
         self.cancel.is_some_and(|cancel| cancel.load(Ordering::Relaxed))
     }
 
-    /// Appends the columns and form factors of one row to `part`.
+    /// Makes a row of its hemicubes.
     ///
     /// `receives` tells the patches with a column. An inconsistent row is left unfinished if another attempt follows,
     /// and is finished at the last one.
@@ -342,7 +339,6 @@ impl<'c> Converter<'c> {
         &mut self,
         rendered: Rendered<'_, impl Iterator<Item = RowView<'r>>>,
         receives: impl Fn(u32) -> bool,
-        part: &mut Part,
     ) -> Converted {
         let Rendered {
             model,
@@ -351,7 +347,8 @@ impl<'c> Converter<'c> {
             rows,
             attempt,
         } = rendered;
-        let start = part.data.len();
+        let mut row = FinishedRow::new(emitter.0, self.precision);
+        row.hemicubes = u32::try_from(hemicubes.len()).unwrap_or(u32::MAX);
         let spaces = Spaces::of(model);
         let view = View {
             model,
@@ -359,19 +356,21 @@ impl<'c> Converter<'c> {
             hemicubes,
             spaces: &spaces,
         };
-        let sums = self.gather(&view, rows, &receives);
+        row.sums = self.gather(&view, rows, &receives);
         let receives = |patch| receives(patch) && !spaces.separate(emitter.0, patch);
         if hemicubes.len() > 1 {
             self.seen.sort_unstable();
         }
-        let weights = Weights::new(&sums, hemicubes.len(), &self.correction);
+        let weights = Weights::new(&row.sums, hemicubes.len(), &self.correction);
+        row.shares = weights.shares;
         let Correction::Tolerance(refinement) = self.correction else {
-            self.pixel(hemicubes.len(), part);
+            self.pixel(&mut row);
             return Converted {
-                sums,
-                shares: weights.shares,
+                row,
+                partial: 0,
+                is_odd: false,
                 lost: weights.lost,
-                ..Converted::default()
+                cut_short: false,
             };
         };
         let mut balance = SumBalance {
@@ -384,8 +383,8 @@ impl<'c> Converter<'c> {
             met: std::mem::take(&mut self.met),
             crossed: None,
         };
-        let corrected = self.tolerance(&weights, attempt, &mut balance, part);
-        let factors = part.data.tail(start).sum();
+        let corrected = self.tolerance(&weights, attempt, &mut balance, &mut row);
+        let factors = row.factors.as_slice().sum();
         // Where each pair was measured, a row's error is known, and what is beyond it is the rays'.
         let measured = self.refiner.as_ref().is_some_and(Refiner::measures_each);
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
@@ -395,15 +394,14 @@ impl<'c> Converter<'c> {
         } else {
             f64::INFINITY
         };
-        let shares = balance.refined_shares(factors, norm, own);
-        let [sum, escaped] = balance.standard_errors(factors, corrected.squared_error, shares, measured);
+        row.shares = balance.refined_shares(factors, norm, own);
+        let [sum, escaped] = balance.standard_errors(factors, corrected.squared_error, row.shares, measured);
         self.ray_shares = balance.found;
         self.met = balance.met;
+        row.errors = RowErrors::from_array([norm, sum, escaped]);
+        row.rays = corrected.rays;
         Converted {
-            sums,
-            shares,
-            errors: RowErrors::from_array([norm, sum, escaped]),
-            rays: corrected.rays,
+            row,
             partial: corrected.partial as u64,
             is_odd: weights.is_inconsistent_with(factors),
             lost: weights.lost,
@@ -417,7 +415,7 @@ impl<'c> Converter<'c> {
         weights: &Weights,
         attempt: Attempt,
         balance: &mut SumBalance<'_, impl Fn(u32) -> bool>,
-        part: &mut Part,
+        finished: &mut FinishedRow,
     ) -> Corrected {
         let is_strict = attempt.is_last && !self.correction.is_in_the_open();
         let Some(refiner) = &mut self.refiner else {
@@ -461,7 +459,7 @@ impl<'c> Converter<'c> {
             };
         }
         for pair in &row {
-            push(part, pair.patch, pair.factor());
+            finished.push(pair.patch, pair.factor());
         }
         let is_partial = |pair: &&Pair| pair.fraction > 0.0 && pair.fraction < 1.0;
         let partial = row.iter().filter(is_partial).count();
@@ -592,11 +590,11 @@ impl<'c> Converter<'c> {
     }
 
     /// The level *pixel*.
-    fn pixel(&self, samples: usize, part: &mut Part) {
-        let scale = 1.0 / (f64::from(WHOLE) * samples.max(1) as f64);
+    fn pixel(&self, row: &mut FinishedRow) {
+        let scale = 1.0 / (f64::from(WHOLE) * f64::from(row.hemicubes.max(1)));
         for group in self.seen.chunk_by(|a, b| a.patch == b.patch) {
             let weight: u64 = group.iter().map(|seen| u64::from(seen.visible)).sum();
-            push(part, group[0].patch, weight as f64 * scale);
+            row.push(group[0].patch, weight as f64 * scale);
         }
     }
 }
@@ -880,12 +878,6 @@ pub(crate) fn fraction(visible: u32, covered: u32) -> f64 {
     }
     let fraction = f64::from(visible) / f64::from(covered);
     if fraction >= ALL_VISIBLE { 1.0 } else { fraction }
-}
-
-fn push(part: &mut Part, patch: u32, value: f64) {
-    if part.data.push_positive(value) {
-        part.indices.push(patch.cast_signed());
-    }
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@
 
 use crate::Grouping;
 use crate::driver::plan::Plan;
-use crate::store::{Part, Passage, RowErrors, RowShares, RowSums, small_entries};
+use crate::store::{FactorVec, FinishedRow, Passage, RowErrors, RowShares, RowSums, small_entries};
 use hemicube_scene::InputPatch;
 
 /// Adds up the columns of elements' rows, one row after the other.
@@ -28,27 +28,26 @@ pub(super) struct ColumnSums {
 }
 
 impl ColumnSums {
-    /// Replaces the entries of a part from `start` on, of an element's row, by those of the patches, ascending. Form
-    /// factors go from `part.data` to `factors`.
-    pub(super) fn add_up(&mut self, grouping: &Grouping, part: &mut Part, start: usize, factors: &mut Vec<f64>) {
+    /// Replaces the entries of an element's row by those of the patches, ascending, in f64.
+    pub(super) fn add_up(&mut self, grouping: &Grouping, row: &mut FinishedRow) {
         self.sums.resize(grouping.len(), 0.0);
-        for (&column, factor) in part.indices[start..].iter().zip(&part.data) {
-            let patch = grouping.patch_of(InputPatch(column.cast_unsigned())).0;
+        for (column, factor) in row.entries() {
+            let patch = grouping.patch_of(InputPatch(column)).0;
             let sum = &mut self.sums[patch as usize];
             if *sum == 0.0 {
                 self.touched.push(patch);
             }
             *sum += factor;
         }
-        part.indices.truncate(start);
-        part.data.clear();
+        row.columns.clear();
         self.touched.sort_unstable();
         self.touched.dedup();
+        let mut sums = Vec::with_capacity(self.touched.len());
         for patch in self.touched.drain(..) {
-            let sum = std::mem::take(&mut self.sums[patch as usize]);
-            part.indices.push(patch.cast_signed());
-            factors.push(sum);
+            row.columns.push(patch.cast_signed());
+            sums.push(std::mem::take(&mut self.sums[patch as usize]));
         }
+        row.factors = FactorVec::Double(sums);
     }
 }
 
@@ -74,8 +73,8 @@ pub(super) struct OpenRow<'a> {
     rays: u64,
 }
 
-/// A row added to a part: its patch's area and the change by leaving out small entries.
-pub(super) type Closed = (f64, small_entries::RowChange);
+/// A row of a patch, the patch's area, and the change by leaving out small entries.
+pub(super) type Closed = (FinishedRow, f64, small_entries::RowChange);
 
 impl<'a> OpenRow<'a> {
     /// `None` where elements are patches.
@@ -105,49 +104,45 @@ impl<'a> OpenRow<'a> {
             .is_some_and(|patch| patch != self.grouping.patch_of(InputPatch(element)))
     }
 
-    /// Adds an element: a row of `part` with added up columns, whose form factors are `factors`.
-    pub(super) fn add(&mut self, part: &Part, row: usize, factors: &[f64], area: f64) {
-        self.patch = Some(self.grouping.patch_of(InputPatch(part.rows[row])));
+    /// Adds an element's row, with added up columns.
+    pub(super) fn add(&mut self, row: &FinishedRow, area: f64) {
+        self.patch = Some(self.grouping.patch_of(InputPatch(row.patch)));
         self.whole_area += area;
         // An element without a hemicube has no area to speak of, and neither form factors nor shares.
-        if part.hemicubes[row] == 0 {
+        if row.hemicubes == 0 {
             return;
         }
         self.area += area;
-        // Batches have the ends of their rows only.
-        let end = |row: usize| usize::try_from(part.indptr[row]).unwrap_or(0);
-        let entries = row.checked_sub(1).map_or(0, end)..end(row);
-        for (&patch, &factor) in part.indices[entries.clone()].iter().zip(&factors[entries]) {
-            let patch = patch.cast_unsigned();
+        for (patch, factor) in row.entries() {
             let sum = &mut self.exchange[patch as usize];
             if *sum == 0.0 {
                 self.touched.push(patch);
             }
             *sum += area * factor;
         }
-        for (sum, share) in self.shares.iter_mut().zip(part.shares[row].to_array()) {
+        for (sum, share) in self.shares.iter_mut().zip(row.shares.to_array()) {
             *sum += area * share;
         }
-        if let Some(passage) = part.passages.get(row) {
+        if let Some(passage) = &row.passage {
             self.passage.passed += area * passage.passed;
             self.passage.cut_off += area * passage.cut_off;
         }
-        for (sum, error) in self.errors.iter_mut().zip(part.errors[row].to_array()) {
+        for (sum, error) in self.errors.iter_mut().zip(row.errors.to_array()) {
             *sum += area * f64::from(error);
         }
-        let of_row = &part.sums[row];
+        let of_row = &row.sums;
         self.sums.visible += of_row.visible;
         self.sums.escaped += of_row.escaped;
         self.sums.blocked += of_row.blocked;
         self.sums.unselected += of_row.unselected;
-        self.hemicubes += u64::from(part.hemicubes[row]);
-        self.rays += u64::from(part.rays[row]);
+        self.hemicubes += u64::from(row.hemicubes);
+        self.rays += row.rays;
     }
 
-    /// Appends the row, without small entries and rounded as planned, to a part. `None` without an element.
-    pub(super) fn close(&mut self, part: &mut Part) -> Option<Closed> {
+    /// The row, without small entries and rounded as planned. `None` without an element.
+    pub(super) fn close(&mut self) -> Option<Closed> {
         let patch = self.patch.take()?;
-        let start = part.data.len();
+        let mut row = FinishedRow::new(patch.0, self.plan.form.precision());
         // Of a patch that fills the view, the errors of closed forms may add up to more than 1. By mirrors, F^s may.
         let most = if self.plan.portals.is_empty() {
             1.0
@@ -158,39 +153,35 @@ impl<'a> OpenRow<'a> {
         self.touched.dedup();
         for patch in self.touched.drain(..) {
             let exchange = std::mem::take(&mut self.exchange[patch as usize]);
-            part.indices.push(patch.cast_signed());
-            part.data.push((exchange / self.area).min(most));
+            row.columns.push(patch.cast_signed());
+            row.factors.push((exchange / self.area).min(most));
         }
         let errors = std::mem::take(&mut self.errors).map(|sum| crate::store::closure::narrow(sum / self.area));
-        let mut errors = RowErrors::from_array(errors);
+        row.errors = RowErrors::from_array(errors);
         let keeping = self.plan.keeping(&self.portals);
-        let change = small_entries::keep(part, start, keeping, &mut errors.norm);
+        let change = small_entries::keep(&mut row, keeping);
         let is_known = self.hemicubes > 0;
         if !self.plan.portals.is_empty() {
             let Passage { passed, cut_off } = std::mem::take(&mut self.passage);
             let of = |sum: f64| if is_known { sum / self.area } else { 0.0 };
-            part.passages.push(Passage {
+            row.passage = Some(Passage {
                 passed: of(passed),
                 cut_off: of(cut_off),
             });
         }
-        part.rows.push(patch.0);
-        part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
-        part.sums.push(std::mem::take(&mut self.sums));
+        row.sums = std::mem::take(&mut self.sums);
         // A mean of ones may round to above 1.
         let shares = std::mem::take(&mut self.shares).map(|sum| (sum / self.area).min(1.0));
-        part.shares.push(if is_known {
-            RowShares::from_array(shares)
+        if is_known {
+            row.shares = RowShares::from_array(shares);
         } else {
-            RowShares::UNKNOWN
-        });
-        part.errors.push(if is_known { errors } else { RowErrors::UNKNOWN });
+            row.shares = RowShares::UNKNOWN;
+            row.errors = RowErrors::UNKNOWN;
+        }
         // More than fit are refused by the store: the weights then do not sum to the hemicubes'.
-        part.hemicubes
-            .push(u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX));
-        part.rays
-            .push(u32::try_from(std::mem::take(&mut self.rays)).unwrap_or(u32::MAX));
+        row.hemicubes = u32::try_from(std::mem::take(&mut self.hemicubes)).unwrap_or(u32::MAX);
+        row.rays = std::mem::take(&mut self.rays);
         self.area = 0.0;
-        Some((std::mem::take(&mut self.whole_area), change))
+        Some((row, std::mem::take(&mut self.whole_area), change))
     }
 }

@@ -8,7 +8,7 @@
 //! of work, and the collector puts batches back in order.
 
 use crate::Model;
-use crate::accuracy::correct::{Attempt, Converted, Converter, Correction, Rendered};
+use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
 use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
 use crate::delta::DeltaTable;
@@ -16,10 +16,10 @@ use crate::driver::aggregate::{ColumnSums, OpenRow};
 use crate::driver::queue::{Queue, StopOnPanic};
 use crate::face::Items;
 use crate::portal::bands::{Common, Seen};
-use crate::portal::extend::{Draft, Extender};
+use crate::portal::extend::{Drawn, Extender};
 use crate::row::{RowBlock, RowError};
 use crate::steps;
-use crate::store::{Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
+use crate::store::{FinishedRow, Part, PartThinning, RowSums, StoreWriter, Thinning, small_entries};
 use hemicube_scene::InputPatch;
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
@@ -514,13 +514,11 @@ struct Run<'a> {
 /// Rows of one batch, ready to be appended to a part.
 #[derive(Debug, Default)]
 struct Batch {
-    part: Part,
-    /// The form factors of `part`, which has none, where patches are several elements: sums over their columns.
-    factors: Vec<f64>,
-    /// Entries of elements' rows, there.
+    /// With the change of each, where small entries are left out. Where patches are several elements, the elements'
+    /// rows with added up columns.
+    rows: Vec<(FinishedRow, Option<small_entries::RowChange>)>,
+    /// Entries of elements' rows before that.
     pairs: u64,
-    /// The change of each row, where small entries are left out.
-    changes: Vec<small_entries::RowChange>,
     partial: u64,
     cut_short: u64,
     counters: Counters,
@@ -565,65 +563,31 @@ impl<'a> WorkerBand<'a> {
         }
     }
 
-    /// Ends a row: extends it, adds it up or thins it, and appends what is known of it to the batch's part.
+    /// Ends a row that is seen directly: extends it, adds it up or thins it, and appends it to the batch.
     fn end_row(
         &mut self,
-        row: &Unfinished<'_>,
-        start: [usize; 2],
+        mut row: FinishedRow,
+        drawn: Drawn<'_>,
         session: &mut dyn HemicubeBackend,
         common: (&mut Common, usize),
         batch: &mut Batch,
     ) -> Result<(), ComputeError> {
-        let mut converted = row.converted;
-        let [start, data_start] = start;
-        let part = &mut batch.part;
-        if let Some(extender) = &mut self.extender {
-            let draft = Draft {
-                emitter: row.emitter,
-                hemicubes: row.hemicubes,
-                items: row.items,
-                part: &mut *part,
-                start,
-                data_start,
-                sums: &mut converted.sums,
-                shares: &mut converted.shares,
-                errors: &mut converted.errors,
-                rays: &mut converted.rays,
-            };
-            let passage = extender.extend(draft, |patch| self.plan.selection.receives(patch), session, common);
-            part.passages.push(passage.map_err(|source| failed(session, source))?);
-        }
         let plan = self.plan;
-        if let Some(groups) = &plan.groups {
-            batch.pairs += part.data.len() as u64;
-            self.columns.add_up(&groups.grouping, part, start, &mut batch.factors);
-        } else if plan.keeping(&self.portals).changes() {
-            let change = small_entries::keep(part, start, plan.keeping(&self.portals), &mut converted.errors.norm);
-            if plan.min_factor > 0.0 {
-                batch.changes.push(change);
-            }
+        if let Some(extender) = &mut self.extender {
+            let extended = extender.extend(&mut row, drawn, |patch| plan.selection.receives(patch), session, common);
+            extended.map_err(|source| failed(session, source))?;
         }
-        batch.partial += converted.partial;
-        batch.cut_short += u64::from(converted.cut_short);
-        part.rows.push(row.emitter.0);
-        part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
-        part.sums.push(converted.sums);
-        part.shares.push(converted.shares);
-        part.hemicubes
-            .push(u32::try_from(row.hemicubes.len()).unwrap_or(u32::MAX));
-        part.errors.push(converted.errors);
-        part.rays.push(u32::try_from(converted.rays).unwrap_or(u32::MAX));
+        let mut change = None;
+        if let Some(groups) = &plan.groups {
+            batch.pairs += row.factors.len() as u64;
+            self.columns.add_up(&groups.grouping, &mut row);
+        } else if plan.keeping(&self.portals).changes() {
+            let changed = small_entries::keep(&mut row, plan.keeping(&self.portals));
+            change = (plan.min_factor > 0.0).then_some(changed);
+        }
+        batch.rows.push((row, change));
         Ok(())
     }
-}
-
-/// A row as it is seen directly.
-struct Unfinished<'r> {
-    emitter: InputPatch,
-    hemicubes: &'r [Hemicube],
-    /// Their item buffers; empty if they are still to be drawn.
-    items: &'r [Items],
-    converted: Converted,
 }
 
 /// Bound of the pixels of one row's item buffers that are kept until its portals are followed: 64 MiB. Of larger rows
@@ -661,7 +625,7 @@ impl<'a> Worker<'a> {
             items: Vec::new(),
             session,
             rows: RowBlock::default(),
-            converter: Converter::new(run.plan.correction, Some(&run.abandon)),
+            converter: Converter::new(run.plan.correction, run.plan.form.precision(), Some(&run.abandon)),
             bands,
         }
     }
@@ -711,8 +675,6 @@ impl<'a> Worker<'a> {
 
         let batch = || Batch {
             counters,
-            // Patches of several elements add up these rows in f64 and round once.
-            part: Part::new(plan.form),
             ..Batch::default()
         };
         let mut batches: Vec<Batch> = self.bands.iter().map(|_| batch()).collect();
@@ -767,8 +729,7 @@ impl<'a> Worker<'a> {
         Ok(counters)
     }
 
-    /// Converts a rendered row, with more hemicubes where it is inconsistent, and appends it to the part of each band's
-    /// batch.
+    /// Converts a rendered row, with more hemicubes where it is inconsistent, and ends it for each band.
     fn convert(&mut self, row: &BatchRow, hemicubes: &[Hemicube], batches: &mut [Batch]) -> Result<(), ComputeError> {
         let Run { model, plan, .. } = self.run;
         let emitter = row.emitter;
@@ -778,17 +739,9 @@ impl<'a> Worker<'a> {
             is_large: row.per_edge > plan.samples_per_edge,
             is_last: attempts.is_empty(),
         };
-        let starts: Vec<[usize; 2]> = batches
-            .iter()
-            .map(|batch| [batch.part.indices.len(), batch.part.data.len()])
-            .collect();
-        let Some(Batch {
-            part, counters: all, ..
-        }) = batches.first_mut()
-        else {
+        let Some(Batch { counters: all, .. }) = batches.first_mut() else {
             return Ok(());
         };
-        let [start, data_start] = starts[0];
         let rendered = Rendered {
             model,
             emitter,
@@ -797,7 +750,7 @@ impl<'a> Worker<'a> {
             attempt,
         };
         let mut taken = None;
-        let mut converted = self.converter.convert(rendered, receives, part);
+        let mut converted = self.converter.convert(rendered, receives);
         for (place, &per_edge) in attempts.iter().enumerate() {
             if !converted.is_odd {
                 break;
@@ -808,8 +761,6 @@ impl<'a> Worker<'a> {
             let mut rows = RowBlock::default();
             let session = self.session.as_mut();
             *all += render(model, self.run.settings, session, emitter, &more, &mut rows)?;
-            part.indices.truncate(start);
-            part.data.truncate(data_start);
             attempt.is_last = place + 1 == attempts.len();
             let rendered = Rendered {
                 model,
@@ -819,38 +770,33 @@ impl<'a> Worker<'a> {
                 attempt,
             };
             let lost = converted.lost;
-            converted = self.converter.convert(rendered, receives, part);
+            converted = self.converter.convert(rendered, receives);
             taken = Some(more);
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
             }
         }
-        let unfinished = Unfinished {
-            emitter,
+        let drawn = Drawn {
             hemicubes: taken.as_deref().unwrap_or(hemicubes),
             items: if taken.is_none() { &self.items } else { &[] },
-            converted,
         };
-        if let Some((first, others)) = batches.split_first_mut() {
-            for batch in others {
-                batch.part.indices.extend_from_slice(&first.part.indices[start..]);
-                batch.part.data.extend(first.part.data.tail(data_start));
-            }
+        for batch in batches.iter_mut() {
+            batch.partial += converted.partial;
+            batch.cut_short += u64::from(converted.cut_short);
         }
         let session = self.session.as_mut();
         let extenders: Vec<&Extender<'_>> = self.bands.iter().filter_map(|band| band.extender.as_ref()).collect();
-        if let (2.., Some(first)) = (extenders.len(), batches.first()) {
+        if extenders.len() > 1 {
             let seen = Seen {
-                hemicubes: unfinished.hemicubes,
-                items: unfinished.items,
-                columns: &first.part.indices[start..],
+                drawn,
+                columns: &converted.row.columns,
             };
             let began = self.common.begin_row(&extenders, seen, receives, session);
             began.map_err(|source| failed(session, source))?;
         }
-        let bands = self.bands.iter_mut().zip(batches).zip(starts);
-        for (number, ((band, batch), start)) in bands.enumerate() {
-            band.end_row(&unfinished, start, session, (&mut self.common, number), batch)?;
+        let rows = std::iter::repeat_n(converted.row, batches.len());
+        for (number, ((band, batch), row)) in self.bands.iter_mut().zip(batches).zip(rows).enumerate() {
+            band.end_row(row, drawn, session, (&mut self.common, number), batch)?;
         }
         Ok(())
     }
@@ -1086,17 +1032,22 @@ impl<'a> Collector<'a> {
         }
         self.summary.counters += batch.counters;
         self.summary.partial += batch.partial;
-        self.elements += batch.part.rows.len() as u64;
+        self.elements += batch.rows.len() as u64;
         if self.open.is_some() {
             return self.add_up(&batch);
         }
-        let before = self.part.rows.len();
-        append(&mut self.part, batch.part);
-        if let Some(mut changed) = self.part.thinning {
-            for (row, change) in (before..).zip(&batch.changes) {
-                let area = self.run.model.patches().area(InputPatch(self.part.rows[row]));
-                changed.add(&self.part, row, area, change);
-            }
+        for (row, change) in &batch.rows {
+            let area = self.run.model.patches().area(InputPatch(row.patch));
+            self.push(row, change.as_ref().map(|change| (area, change)));
+        }
+    }
+
+    /// Appends a row to the part under way, with its patch's area and change where small entries are left out.
+    fn push(&mut self, row: &FinishedRow, change: Option<(f64, &small_entries::RowChange)>) {
+        let place = self.part.rows.len();
+        self.part.push(row);
+        if let (Some(mut changed), Some((area, change))) = (self.part.thinning, change) {
+            changed.add(&self.part, place, area, change);
             self.part.thinning = Some(changed);
         }
     }
@@ -1106,25 +1057,21 @@ impl<'a> Collector<'a> {
         if self.plan.correction != Correction::Pixel {
             self.summary.corrected += batch.pairs;
         }
-        for (row, &element) in batch.part.rows.iter().enumerate() {
-            if self.open.as_ref().is_some_and(|open| open.ends_before(element)) {
+        for (row, _) in &batch.rows {
+            if self.open.as_ref().is_some_and(|open| open.ends_before(row.patch)) {
                 self.close_row();
             }
-            let area = self.run.model.patches().area(InputPatch(element));
+            let area = self.run.model.patches().area(InputPatch(row.patch));
             if let Some(open) = &mut self.open {
-                open.add(&batch.part, row, &batch.factors, area);
+                open.add(row, area);
             }
         }
     }
 
     /// Ends the row under way, of a patch of several elements.
     fn close_row(&mut self) {
-        let row = self.part.rows.len();
-        if let Some((area, change)) = self.open.as_mut().and_then(|open| open.close(&mut self.part))
-            && let Some(mut changed) = self.part.thinning
-        {
-            changed.add(&self.part, row, area, &change);
-            self.part.thinning = Some(changed);
+        if let Some((row, area, change)) = self.open.as_mut().and_then(OpenRow::close) {
+            self.push(&row, Some((area, &change)));
         }
     }
 
@@ -1159,17 +1106,3 @@ impl<'a> Collector<'a> {
 
 /// Time that a cancelled run may take to finish the part under way.
 const PATIENCE: Duration = Duration::from_millis(500);
-
-fn append(part: &mut Part, batch: Part) {
-    let base = part.indptr.last().copied().unwrap_or(0);
-    part.rows.extend(batch.rows);
-    part.indptr.extend(batch.indptr.iter().map(|end| base + end));
-    part.indices.extend(batch.indices);
-    part.data.extend(batch.data.as_slice());
-    part.sums.extend(batch.sums);
-    part.shares.extend(batch.shares);
-    part.hemicubes.extend(batch.hemicubes);
-    part.errors.extend(batch.errors);
-    part.rays.extend(batch.rays);
-    part.passages.extend(batch.passages);
-}

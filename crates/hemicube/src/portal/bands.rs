@@ -3,14 +3,13 @@
 //! Bands are followed together in groups, [`Passes`] with a weight a band. Each ends by its own weights, so that a
 //! band's row does not depend on the others.
 
-use super::extend::{Extender, RowPixels, follow_row};
+use super::extend::{Drawn, Extender, RowPixels, follow_row};
 use super::gather::{Column, Ledger};
 use super::known::KnownLegs;
 use super::pass::{Passes, Taker};
-use crate::backend::{BackendError, Hemicube, HemicubeBackend};
+use crate::backend::{BackendError, HemicubeBackend};
 use crate::bvh::Tree;
 use crate::delta::DeltaTable;
-use crate::face::Items;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -22,9 +21,7 @@ const ALONE: [u32; 2] = [15, 255];
 /// A row's hemicubes and what they see directly.
 #[derive(Clone, Copy)]
 pub(crate) struct Seen<'r> {
-    pub(crate) hemicubes: &'r [Hemicube],
-    /// Their item buffers; empty if they are still to be drawn.
-    pub(crate) items: &'r [Items],
+    pub(crate) drawn: Drawn<'r>,
     /// The row's columns.
     pub(crate) columns: &'r [i32],
 }
@@ -176,8 +173,8 @@ fn follow<const N: usize>(
         up: None,
     };
     let pixels = RowPixels {
-        hemicubes: seen.hemicubes,
-        items: seen.items,
+        hemicubes: seen.drawn.hemicubes,
+        items: seen.drawn.items,
         table,
         bound: bands[0].bound(),
         cancel: bands[0].cancel,

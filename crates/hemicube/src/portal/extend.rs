@@ -29,7 +29,7 @@ use crate::bvh::Tree;
 use crate::delta::DeltaTable;
 use crate::face::Items;
 use crate::factor::{FactorRule, exchange};
-use crate::store::{HEMICUBE_WEIGHT, Part, Passage, RowErrors, RowShares, RowSums};
+use crate::store::{FinishedRow, HEMICUBE_WEIGHT, Passage, RowErrors, RowShares};
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -62,20 +62,12 @@ const SCALE_MAX: f64 = 1.5;
 /// Part of a tolerance for what comes through portals. A choice.
 const PART: f64 = 0.5;
 
-/// A row as the driver finished it, to be extended.
-pub(crate) struct Draft<'r> {
-    pub(crate) emitter: InputPatch,
+/// The hemicubes that a row is made of.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Drawn<'r> {
     pub(crate) hemicubes: &'r [Hemicube],
     /// Their item buffers; empty if they are still to be drawn.
     pub(crate) items: &'r [Items],
-    pub(crate) part: &'r mut Part,
-    /// The row's first column and form factor in the part, which has none of earlier rows where these are added up.
-    pub(crate) start: usize,
-    pub(crate) data_start: usize,
-    pub(crate) sums: &'r mut RowSums,
-    pub(crate) shares: &'r mut RowShares,
-    pub(crate) errors: &'r mut RowErrors,
-    pub(crate) rays: &'r mut u64,
 }
 
 /// Arrivals through portals, as shares of the patch's emission.
@@ -153,27 +145,24 @@ impl<'a> Extender<'a> {
         column(self.portals, patch, receives)
     }
 
-    /// Extends a row, of a run's `band`. `receives` tells the patches with a column, and `common` has what bands share.
+    /// Extends a row that is seen directly, of a run's `band`. `receives` tells the patches with a column, and `common` has what bands share.
     ///
     /// # Errors
     /// When the backend hands out no item buffers, where pixels are followed.
     pub(crate) fn extend(
         &mut self,
-        mut draft: Draft<'_>,
+        row: &mut FinishedRow,
+        drawn: Drawn<'_>,
         receives: impl Fn(u32) -> bool,
         session: &mut dyn HemicubeBackend,
         (common, band): (&mut Common, usize),
-    ) -> Result<Passage, BackendError> {
+    ) -> Result<(), BackendError> {
         let images = self.portals.images.as_ref();
         let mut passage = Passage::default();
         self.row.clear();
-        let entries = draft.part.indices[draft.start..]
-            .iter()
-            .zip(draft.part.data.tail(draft.data_start));
-        self.row
-            .extend(entries.map(|(&patch, factor)| (patch.cast_unsigned(), factor)));
+        self.row.extend(row.entries());
         if images.is_some_and(Images::has_curtains) {
-            passage.cut_off = self.cut_off(&mut draft);
+            passage.cut_off = self.cut_off(row);
         }
         self.ledger.clear();
         let sent = self.sent();
@@ -186,25 +175,26 @@ impl<'a> Extender<'a> {
                         std::mem::swap(&mut self.ledger, &mut followed.ledger);
                         self.tracer.legs = followed.legs;
                     }
-                    None => self.follow_pixels(&draft, column, session)?,
+                    None => self.follow_pixels(drawn, column, session)?,
                 }
-                self.by_pixels(draft.hemicubes.len())
+                self.by_pixels(drawn.hemicubes.len())
             } else {
                 std::mem::swap(&mut self.tracer.known, &mut common.known);
-                let brought = self.by_rays(draft.emitter, column);
+                let brought = self.by_rays(InputPatch(row.patch), column);
                 std::mem::swap(&mut self.tracer.known, &mut common.known);
                 brought
             };
-            *draft.rays += std::mem::take(&mut self.tracer.legs);
-            self.enter(&mut draft, &brought, &mut passage);
+            row.rays += std::mem::take(&mut self.tracer.legs);
+            self.enter(row, &brought, &mut passage);
             self.row.extend(brought.factors);
         }
-        self.write(draft.part, draft.start, draft.data_start);
-        Ok(passage)
+        self.write(row);
+        row.passage = Some(passage);
+        Ok(())
     }
 
     /// Takes the columns of curtains out of the row. Returns their sum, which is *unselected* from now on.
-    fn cut_off(&mut self, draft: &mut Draft<'_>) -> f64 {
+    fn cut_off(&mut self, row: &mut FinishedRow) -> f64 {
         let Some(images) = &self.portals.images else { return 0.0 };
         let mut sum = 0.0;
         self.row.retain(|&(patch, factor)| {
@@ -212,20 +202,20 @@ impl<'a> Extender<'a> {
             sum += if is_kept { 0.0 } else { factor };
             is_kept
         });
-        let count = draft.hemicubes.len().max(1) as u64;
+        let count = row.hemicubes.max(1);
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a share of the whole"
         )]
-        let weight = (sum * (count * HEMICUBE_WEIGHT) as f64).round() as u64;
-        let weight = weight.min(draft.sums.visible);
-        draft.sums.visible -= weight;
-        draft.sums.unselected += weight;
+        let weight = (sum * (u64::from(count) * HEMICUBE_WEIGHT) as f64).round() as u64;
+        let weight = weight.min(row.sums.visible);
+        row.sums.visible -= weight;
+        row.sums.unselected += weight;
         if self.correction == Correction::Pixel {
-            *draft.shares = RowShares::of_hemicubes(draft.sums, u32::try_from(count).unwrap_or(u32::MAX));
+            row.shares = RowShares::of_hemicubes(&row.sums, count);
         } else {
-            draft.shares.unselected += sum;
+            row.shares.unselected += sum;
         }
         sum
     }
@@ -243,11 +233,10 @@ impl<'a> Extender<'a> {
     /// Follows the pixels that see a portal.
     fn follow_pixels(
         &mut self,
-        draft: &Draft<'_>,
+        Drawn { hemicubes, items }: Drawn<'_>,
         column: impl Fn(u32) -> Column,
         session: &mut dyn HemicubeBackend,
     ) -> Result<(), BackendError> {
-        let Draft { hemicubes, items, .. } = *draft;
         let Self {
             pixels: Some((table, passes)),
             tracer,
@@ -443,8 +432,8 @@ impl<'a> Extender<'a> {
     }
 
     /// Enters arrivals through portals into the row's weights, shares and error.
-    fn enter(&self, draft: &mut Draft<'_>, brought: &Brought, passage: &mut Passage) {
-        let whole = draft.hemicubes.len().max(1) as u64 * HEMICUBE_WEIGHT;
+    fn enter(&self, row: &mut FinishedRow, brought: &Brought, passage: &mut Passage) {
+        let whole = u64::from(row.hemicubes.max(1)) * HEMICUBE_WEIGHT;
         let sent = self.sent();
         #[allow(
             clippy::cast_possible_truncation,
@@ -456,9 +445,9 @@ impl<'a> Extender<'a> {
         } else {
             (sent * whole as f64).round() as u64
         };
-        let sent_weight = sent_weight.min(draft.sums.visible);
+        let sent_weight = sent_weight.min(row.sums.visible);
         let [kept, escaped, blocked, unselected, cut_off] = apportion(sent_weight, self.ledger.ends());
-        let sums = &mut *draft.sums;
+        let sums = &mut row.sums;
         sums.visible = sums.visible - sent_weight + kept;
         sums.escaped += escaped;
         sums.blocked += blocked;
@@ -467,21 +456,20 @@ impl<'a> Extender<'a> {
         passage.passed = brought.passed;
         passage.cut_off += cut;
         if self.correction == Correction::Pixel {
-            let count = u32::try_from(draft.hemicubes.len()).unwrap_or(u32::MAX);
-            *draft.shares = RowShares::of_hemicubes(sums, count);
+            row.shares = RowShares::of_hemicubes(sums, row.hemicubes);
             return;
         }
-        draft.shares.escaped += by_sky;
-        draft.shares.blocked += by_backs;
-        draft.shares.unselected += by_others + cut;
+        row.shares.escaped += by_sky;
+        row.shares.blocked += by_backs;
+        row.shares.unselected += by_others + cut;
         // An error that is not known stays NaN. Errors of entries are taken to be independent, in sums as in the norm.
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
         let with_brought = |error: f32| (f64::from(error).powi(2) + brought.squared_error).sqrt() as f32;
-        *draft.errors = RowErrors::from_array(draft.errors.to_array().map(with_brought));
+        row.errors = RowErrors::from_array(row.errors.to_array().map(with_brought));
     }
 
     /// Writes the row with the columns of images added into the cell's.
-    fn write(&mut self, part: &mut Part, start: usize, data_start: usize) {
+    fn write(&mut self, row: &mut FinishedRow) {
         if let Some(images) = &self.portals.images {
             self.row.retain_mut(|(patch, _)| {
                 let folded = images.fold(*patch);
@@ -491,13 +479,9 @@ impl<'a> Extender<'a> {
         }
         // Stable: sums of equal columns are in the order of images and motions.
         self.row.sort_by_key(|&(patch, _)| patch);
-        part.indices.truncate(start);
-        part.data.truncate(data_start);
+        row.clear();
         for group in self.row.chunk_by(|a, b| a.0 == b.0) {
-            let factor = group.iter().map(|&(_, factor)| factor).sum::<f64>();
-            if part.data.push_positive(factor) {
-                part.indices.push(group[0].0.cast_signed());
-            }
+            row.push(group[0].0, group.iter().map(|&(_, factor)| factor).sum());
         }
     }
 }

@@ -30,7 +30,7 @@ use hemicube_scene::InputPatch;
 use hemicube_store::PatchKind;
 use hemicube_store::sky::{SkyCheck, check_sky, sky_beside};
 use hemicube_store::{
-    ERRORS, Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowShares,
+    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowErrors, RowShares,
     RowSums, RowTable, Store,
 };
 use serde::Serialize;
@@ -182,17 +182,16 @@ pub struct RowErrorsFound {
 
 impl RowErrorsFound {
     /// Summarises the rows that state their errors: patch, of Σ F, of the share that leaves. `None` if there are none.
-    fn of(mut rows: Vec<(u32, f32, f32)>, tolerance: f64) -> Option<Self> {
-        let is_uncertain = |&(_, sum, escaped): &(u32, f32, f32)| ERRORS * f64::from(sum.max(escaped)) > tolerance;
-        let uncertain_rows = rows.iter().filter(|row| is_uncertain(row)).count() as u64;
+    fn of(mut rows: Vec<(u32, RowErrors)>, tolerance: f64) -> Option<Self> {
+        let uncertain_rows = rows.iter().filter(|(_, errors)| errors.exceed(tolerance)).count() as u64;
         let at_95 = (95 * rows.len()).div_ceil(100).saturating_sub(1);
-        rows.sort_unstable_by(|p, q| p.2.total_cmp(&q.2));
-        let (escaped_95, escaped_max) = (rows.get(at_95)?.2, rows.last()?.2);
-        rows.sort_unstable_by(|p, q| p.1.total_cmp(&q.1).then(q.0.cmp(&p.0)));
-        let (sum_95, worst) = (rows.get(at_95)?.1, rows.last()?);
+        rows.sort_unstable_by(|p, q| p.1.escaped.total_cmp(&q.1.escaped));
+        let (escaped_95, escaped_max) = (rows.get(at_95)?.1.escaped, rows.last()?.1.escaped);
+        rows.sort_unstable_by(|p, q| p.1.sum.total_cmp(&q.1.sum).then(q.0.cmp(&p.0)));
+        let (sum_95, worst) = (rows.get(at_95)?.1.sum, rows.last()?);
         Some(Self {
             sum_95: sum_95.into(),
-            sum_max: worst.1.into(),
+            sum_max: worst.1.sum.into(),
             escaped_95: escaped_95.into(),
             escaped_max: escaped_max.into(),
             uncertain_rows,
@@ -495,7 +494,7 @@ struct Tally {
     /// Σ e² of the rows' expected errors, and Σ F².
     squares: [f64; 2],
     /// Patch, standard error of Σ F and of the share that leaves, of each row that states them.
-    row_errors: Vec<(u32, f32, f32)>,
+    row_errors: Vec<(u32, RowErrors)>,
     quality: Quality,
     worst: Vec<WorstRow>,
     /// The sides that rows look to; for triangles without portals.
@@ -575,8 +574,7 @@ impl Tally {
             .iter()
             .zip(&part.errors)
             .filter(|(_, errors)| !errors.sum.is_nan());
-        self.row_errors
-            .extend(stated.map(|(&patch, errors)| (patch, errors.sum, errors.escaped)));
+        self.row_errors.extend(stated.map(|(&patch, &errors)| (patch, errors)));
         self.squares[1] += part.data.iter().map(|factor| factor * factor).sum::<f64>();
         for (row, &patch) in part.rows.iter().enumerate() {
             let (columns, factors) = part.row(row);
@@ -904,9 +902,10 @@ mod tests {
     fn rows_state_how_wrong_their_sums_may_be() {
         assert_eq!(RowErrorsFound::of(Vec::new(), 0.01), None);
         // 0.5 % may be off by 1.5 %: one row in forty, and its neighbour's share that leaves.
-        let mut rows: Vec<_> = (0..40u32).map(|patch| (patch, 1e-3, 2e-3)).collect();
-        rows[7] = (7, 5e-3, 1e-3);
-        rows[8] = (8, 1e-3, 4e-3);
+        let of = |sum, escaped| RowErrors::from_array([0.0, sum, escaped]);
+        let mut rows: Vec<_> = (0..40u32).map(|patch| (patch, of(1e-3, 2e-3))).collect();
+        rows[7] = (7, of(5e-3, 1e-3));
+        rows[8] = (8, of(1e-3, 4e-3));
         let found = RowErrorsFound::of(rows, 0.01).expect("rows");
         assert_eq!((found.uncertain_rows, found.worst_patch), (2, 7));
         let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
