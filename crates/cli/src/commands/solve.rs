@@ -5,7 +5,7 @@ mod light;
 mod moments;
 mod surfaces;
 
-use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
+use crate::args::{By, EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
@@ -167,7 +167,7 @@ pub(crate) struct Arguments {
     pub(crate) output: Vec<PathBuf>,
     /// What a surface is, in the table and in files by surface [default: object]
     #[arg(long, value_name = "object|material|face", hide_possible_values = true)]
-    pub(crate) by: Option<surfaces::By>,
+    pub(crate) by: Option<By>,
     /// Solve for the surfaces of `--by` instead of patches, as textbooks do: each has one radiosity and one temperature
     #[arg(long, requires = "thermal")]
     pub(crate) network: bool,

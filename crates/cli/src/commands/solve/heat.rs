@@ -1,9 +1,9 @@
 //! Heat for `hemicube solve`: conditions, surroundings, and what is asked about them.
 
 use super::moments::{Moments, Surroundings};
-use super::surfaces::{By, EnclosuresOfHeat, Results};
+use super::surfaces::{EnclosuresOfHeat, Results};
 use super::{Arguments, Surfaces};
-use crate::args::Talk;
+use crate::args::{By, Talk};
 use crate::exit::hinted;
 use crate::materials;
 use crate::report::{counted, figures, percent};

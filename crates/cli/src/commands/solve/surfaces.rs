@@ -1,13 +1,12 @@
 //! Heat by surface: a table on the terminal, `.csv` and `.json`.
 
 use super::moments::SURROUNDINGS;
+use crate::args::By;
 use crate::escape::shown;
 use crate::report::{Listing, PendingFile, count, counted, percent, table};
 use crate::table::field;
 use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
 use hemicube::analysis::surfaces::{ERROR_TOLD, EnclosureError, HeatBalance, HeatError, MatrixTables, SurfaceHeat};
-use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::{Enclosures, Reading};
 use serde::Serialize;
 use std::io::Write;
@@ -23,36 +22,6 @@ const LEAST_RESIDUAL: f64 = 1e-13;
 const ENCLOSURES_SHOWN: usize = 6;
 /// Names of an enclosure.
 const NAMES_SHOWN: usize = 3;
-
-/// Grouping of patches into surfaces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum By {
-    /// Objects of one name
-    Object,
-    /// Materials of one name
-    Material,
-    /// Faces of the scene's file
-    Face,
-}
-
-impl By {
-    pub(super) fn group(self) -> GroupBy {
-        match self {
-            Self::Object => GroupBy::Object,
-            Self::Material => GroupBy::Material,
-            Self::Face => GroupBy::Face,
-        }
-    }
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Object => "object",
-            Self::Material => "material",
-            Self::Face => "face",
-        }
-    }
-}
 
 /// A file of results by surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
