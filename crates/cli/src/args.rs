@@ -1,12 +1,14 @@
 //! Argument groups shared by several commands, and the values that they take.
 
 use clap::{Args, ValueEnum};
+use hemicube::analysis::zones::GroupBy;
 use hemicube::backend::RESOLUTIONS;
 use hemicube::driver::level::DEFAULT_TOLERANCE;
 use hemicube::sky::PARTS_MAX;
 use hemicube::store::Shard;
 use hemicube_scene::Axis;
 use hemicube_spatial::whole;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -658,6 +660,36 @@ pub(crate) fn pixels(text: &str) -> Result<u32, String> {
             RESOLUTIONS.start(),
             RESOLUTIONS.end()
         )),
+    }
+}
+
+/// Grouping of patches into surfaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum By {
+    /// Objects of one name
+    Object,
+    /// Materials of one name
+    Material,
+    /// Faces of the scene's file
+    Face,
+}
+
+impl By {
+    pub(crate) fn group(self) -> GroupBy {
+        match self {
+            Self::Object => GroupBy::Object,
+            Self::Material => GroupBy::Material,
+            Self::Face => GroupBy::Face,
+        }
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Object => "object",
+            Self::Material => "material",
+            Self::Face => "face",
+        }
     }
 }
 

@@ -81,6 +81,8 @@ pub struct Horizon {
     pub north: DVec3,
     /// Up.
     pub up: DVec3,
+    /// True where the ground hides what is below; false in space.
+    pub has_ground: bool,
 }
 
 impl Horizon {
@@ -97,7 +99,22 @@ impl Horizon {
             north: north * cosine + east * sine,
             east: east * cosine - north * sine,
             up,
+            has_ground: true,
         }
+    }
+
+    /// The same directions, and nothing below that hides a sun: in space.
+    #[must_use]
+    pub fn without_ground(self) -> Self {
+        Self {
+            has_ground: false,
+            ..self
+        }
+    }
+
+    /// Returns whether a direction is below the ground.
+    pub fn is_below(&self, direction: DVec3) -> bool {
+        self.has_ground && direction.dot(self.up) < 0.0
     }
 
     /// A direction by its parts along east, north and up.

@@ -17,6 +17,7 @@
 mod bins;
 mod files;
 mod grouped;
+mod sun;
 mod through;
 
 pub use crate::store::sky::{
@@ -24,7 +25,8 @@ pub use crate::store::sky::{
 };
 pub use files::{sky_product, write_points, write_sky, write_sunlight};
 pub use grouped::{hemicubes_along, sky_of_groups};
-pub use through::{Glazed, SUN_POINTS, sky_through_portals, sunlight};
+pub use sun::{SUN_ERROR, sunlit};
+pub use through::{Glazed, sky_through_portals, sunlight};
 
 use crate::Model;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, RenderSettings, WHOLE};

@@ -11,7 +11,7 @@ use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
 use hemicube::portal::{Portals, Specular};
 use hemicube::sky::{
-    Glazed, Horizon, LEVELS, PARTS_MAX, PointRow, SUN_POINTS, SensorPoint, SkyDivision, SkyOptions, SkyRow,
+    Glazed, Horizon, LEVELS, PARTS_MAX, PointRow, SUN_ERROR, SensorPoint, SkyDivision, SkyOptions, SkyRow,
     rows_of_points, sky_of_patches, sky_through_portals, sunlight,
 };
 use hemicube::{InputPatch, Model};
@@ -343,7 +343,8 @@ impl Task<'_> {
                 return Ok(None);
             }
             let threads = request.options.threads;
-            light.extend(sunlight(self.model, patches, suns, glazed, SUN_POINTS, threads));
+            let error = request.options.tolerance.unwrap_or(SUN_ERROR);
+            light.extend(sunlight(self.model, patches, suns, glazed, error, threads));
         }
         Ok(Some((found, Some(light))))
     }

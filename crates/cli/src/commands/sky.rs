@@ -1,6 +1,6 @@
 //! `hemicube sky`: views of the sky, the ground and the sun, from patches and points.
 
-use crate::args::{Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
+use crate::args::{By, Division, EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
@@ -16,7 +16,7 @@ use crate::report::{
 use crate::stored;
 use crate::table;
 use anyhow::{Context, Result, anyhow, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use glam::DVec3;
 use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
@@ -25,8 +25,8 @@ use hemicube::portal::specular::SpecularRecord;
 use hemicube::portal::{Images, Specular};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
-    Glazed, Horizon, LEVELS, PointRow, SUN_POINTS, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along,
-    rows_of_points, sky_of_groups, sky_of_patches, sky_through_portals, sunlight, write_points, write_sky,
+    Glazed, Horizon, LEVELS, PointRow, SUN_ERROR, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along,
+    rows_of_points, sky_of_groups, sky_of_patches, sky_through_portals, sunlight, sunlit, write_points, write_sky,
     write_sunlight,
 };
 use hemicube::store::{FolderLock, PatchTable, Store, scene_hash};
@@ -34,7 +34,7 @@ use hemicube::{Grouping, InputPatch};
 use hemicube_export::{PatchFormat, PatchResults, WriteOptions, write_patches};
 use hemicube_spatial::whole;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -88,6 +88,24 @@ pub(crate) struct Arguments {
     /// these names
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
+    /// What hides suns: the ground below the horizon, or nothing, as in space
+    #[arg(
+        long,
+        value_name = "ground|none",
+        default_value = "ground",
+        requires = "suns",
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
+    pub(crate) horizon: HorizonName,
+    /// Each .csv is a table of suns by surface, with sunlit and projected areas
+    #[arg(
+        long,
+        value_name = "object|material|face",
+        requires = "suns",
+        hide_possible_values = true
+    )]
+    pub(crate) by: Option<By>,
     /// Refine each row until its sky view factor changes by no more than this share, and ground and blocked by no more
     /// of the view: 1%, 0.001. Exit 1 where rows do not settle; the last change bounds no error
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
@@ -122,6 +140,15 @@ impl Arguments {
             .reads(&crate::portals::file_of(self.specular.as_ref()))
             .writes("-o", &files, self.overwrite)
     }
+}
+
+/// What hides suns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum HorizonName {
+    /// The ground below the horizon.
+    Ground,
+    /// Nothing: in space.
+    None,
 }
 
 /// Returns whether an output is a table.
@@ -264,26 +291,21 @@ fn read_suns(path: &Path) -> Result<Listed<DVec3>> {
     Ok(found)
 }
 
-/// Returns whether a sun has set.
-fn is_below(sun: DVec3, horizon: Horizon) -> bool {
-    sun.dot(horizon.up) < 0.0
-}
-
 /// Warns of suns below the horizon.
 fn tell_of_suns(arguments: &Arguments, suns: &Listed<DVec3>, horizon: Horizon, talk: Talk) {
     let below: Vec<u64> = suns
         .items
         .iter()
         .zip(&suns.lines)
-        .filter(|(sun, _)| is_below(**sun, horizon))
+        .filter(|(sun, _)| horizon.is_below(**sun))
         .map(|(_, &line)| line)
         .collect();
     let (Some(path), false) = (&arguments.suns, below.is_empty()) else {
         return;
     };
     talk.warn(&format!(
-        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, and `--up` says \
-         where up is",
+        "{} of {} in `{}` {} below the horizon and {} nothing: {}; directions are towards the sun, `--up` says where \
+         up is, and by `--horizon none` nothing is hidden",
         count(below.len() as u64),
         counted(suns.items.len() as u64, "sun"),
         path.display(),
@@ -383,7 +405,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     prepared.tell(talk);
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
-    let horizon = Horizon::new(up, arguments.north);
+    let horizon = match arguments.horizon {
+        HorizonName::Ground => Horizon::new(up, arguments.north),
+        HorizonName::None => Horizon::new(up, arguments.north).without_ground(),
+    };
     tell_of_suns(arguments, &suns, horizon, talk);
     let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);
@@ -418,7 +443,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         task.keep(output, &of_patches, &of_points, &record)?;
     }
     for path in arguments.tables() {
-        task.write_table(path, &of_patches, cancel)?;
+        match arguments.by {
+            Some(by) => task.write_suns(path, by)?,
+            None => task.write_table(path, &of_patches, cancel)?,
+        }
     }
     drop(guard);
     let seconds = started.elapsed().as_secs_f64();
@@ -469,7 +497,7 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
     }
     let asked = [
         ("--points", arguments.points.is_some()),
-        ("--suns", arguments.suns.is_some()),
+        ("--suns", arguments.suns.is_some() && arguments.by.is_none()),
         ("--division", arguments.division != Division(1)),
         ("--north", arguments.north != 0.0),
     ];
@@ -480,6 +508,12 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
                 "name a directory for it by `-o DIR`, or a matrix by `--matrix DIR`",
             ));
         }
+    }
+    if arguments.by.is_some() && arguments.tables().next().is_none() {
+        return Err(hinted(
+            anyhow!("`--by` asks for a table of suns, and no .csv is named"),
+            "name one by `-o FILE.csv`",
+        ));
     }
     Ok(())
 }
@@ -731,13 +765,72 @@ impl Task<'_> {
         Ok(found.map(|rows| rows.into_iter().map(fold).collect()))
     }
 
+    /// Error of the share of a patch that a sun lights.
+    fn sun_error(&self) -> f64 {
+        self.options.tolerance.unwrap_or(SUN_ERROR)
+    }
+
+    /// The share of each element lit by each sun; none without suns.
+    fn lit(&self) -> Result<Option<Vec<f32>>> {
+        if self.suns.is_empty() {
+            return Ok(None);
+        }
+        let patches: Vec<InputPatch> = self.prepared.patches.iter().collect();
+        let (model, threads) = (&self.prepared.model, self.options.threads);
+        let lit = sunlit(model, &patches, &self.suns, self.horizon, self.sun_error(), threads)?;
+        Ok(Some(lit))
+    }
+
+    /// Writes a line a sun and surface: its area, what of it faces the sun as seen from there, and what is lit.
+    fn write_suns(&self, path: &Path, by: By) -> Result<()> {
+        let patches = &self.prepared.patches;
+        let (names, of_patch) = surfaces_of(self.prepared, by);
+        let lit = self.lit()?.unwrap_or_default();
+        let suns = self.suns.len();
+        // Of each surface and sun: projected and sunlit, both as seen from the sun, and sunlit on the surface.
+        let mut areas = vec![0.0; names.len()];
+        let mut found = vec![[0.0; 3]; names.len() * suns];
+        for (at, patch) in patches.iter().enumerate() {
+            let (normal, area, surface) = (patches.normal(patch), patches.area(patch), of_patch[at]);
+            areas[surface] += area;
+            for (sun, direction) in self.suns.iter().enumerate() {
+                let cosine = normal.dot(direction.normalize_or_zero()).max(0.0);
+                let share = f64::from(lit[at * suns + sun]);
+                let hidden = if self.horizon.is_below(*direction) { 0.0 } else { 1.0 };
+                let of = &mut found[surface * suns + sun];
+                of[0] += area * cosine * hidden;
+                of[1] += area * cosine * share;
+                of[2] += area * share;
+            }
+        }
+        let mut text = format!(
+            "sun,x,y,z,{},area,projected_area,sunlit_projected_area,sunlit_area\n",
+            by.name()
+        );
+        for (sun, direction) in self.suns.iter().enumerate() {
+            let [x, y, z] = direction.to_array();
+            for (surface, name) in names.iter().enumerate() {
+                let [projected, sunlit, on_surface] = found[surface * suns + sun];
+                text.push_str(&format!(
+                    "{sun},{x},{y},{z},{},{},{projected},{sunlit},{on_surface}\n",
+                    crate::table::field(name),
+                    areas[surface]
+                ));
+            }
+        }
+        let cannot = || format!("`{}` cannot be written", path.display());
+        let mut file = PendingFile::create(path)?;
+        file.write_all(text.as_bytes()).with_context(cannot)?;
+        file.commit()
+    }
+
     /// Writes the directory's files.
     fn keep(&self, output: &Path, of_patches: &[SkyRow], of_points: &[PointRow], record: &Record) -> Result<()> {
-        let lit = sunlit(self.prepared, &self.suns, self.horizon, self.options.threads)?;
+        let lit = self.lit()?;
         if let (Some(glazed), false) = (self.glazed(), self.suns.is_empty()) {
             let patches: Vec<InputPatch> = self.prepared.patches.iter().collect();
             let (model, threads) = (&self.prepared.model, self.options.threads);
-            let light = sunlight(model, &patches, &self.suns, glazed, SUN_POINTS, threads);
+            let light = sunlight(model, &patches, &self.suns, glazed, self.sun_error(), threads);
             write_sunlight(&output.join("sunlight.npy"), [patches.len(), self.suns.len()], &light)?;
         }
         let lit = lit.map(|lit| match &self.prepared.grouping {
@@ -793,7 +886,7 @@ impl Task<'_> {
             for point in &self.points {
                 for &sun in &self.suns {
                     let open =
-                        !is_below(sun, self.horizon) && reference.is_open(None, point.position, point.normal, sun)?;
+                        !self.horizon.is_below(sun) && reference.is_open(None, point.position, point.normal, sun)?;
                     lit.push(if open { 1.0f32 } else { 0.0 });
                 }
             }
@@ -853,7 +946,7 @@ impl Task<'_> {
             suns: self.suns.len() as u64,
             suns_below_horizon: (0..)
                 .zip(&self.suns)
-                .filter(|(_, sun)| is_below(**sun, self.horizon))
+                .filter(|(_, sun)| self.horizon.is_below(**sun))
                 .map(|(at, _)| at)
                 .collect(),
             points_not_in_the_open: misplaced,
@@ -1017,49 +1110,34 @@ fn require_memory(arguments: &Arguments, prepared: &Prepared, points: usize, sun
     forecast::require(prepared.budget, rows.saturating_mul(columns + lit), &what, next)
 }
 
-/// The share of each patch lit by each sun: 0 for patches turned away, and for suns below the horizon.
-fn sunlit(prepared: &Prepared, suns: &[DVec3], horizon: Horizon, threads: usize) -> Result<Option<Vec<f32>>> {
-    if suns.is_empty() {
-        return Ok(None);
+/// Names of surfaces, in the order of their first elements, and the surface of each element.
+fn surfaces_of(prepared: &Prepared, by: By) -> (Vec<String>, Vec<usize>) {
+    let scene = &prepared.scene;
+    let table = PatchTable::of(scene, &prepared.patches, None);
+    let name = |index: u32| match by {
+        By::Object => scene.objects.get(index as usize).cloned().unwrap_or_default(),
+        By::Material => {
+            let material = scene.materials.get(index as usize);
+            material.map_or_else(String::new, |material| material.name.clone())
+        }
+        By::Face => index.to_string(),
+    };
+    let indices = match by {
+        By::Object => &table.object,
+        By::Material => &table.material,
+        By::Face => &table.face,
+    };
+    let mut places = HashMap::new();
+    let mut names = Vec::new();
+    let mut of_patch = Vec::with_capacity(indices.len());
+    for &index in indices {
+        let name = name(index);
+        of_patch.push(*places.entry(name.clone()).or_insert_with(|| {
+            names.push(name);
+            names.len() - 1
+        }));
     }
-    let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
-    let patches: Vec<InputPatch> = prepared.patches.iter().collect();
-    let mut lit = vec![0.0f32; patches.len() * suns.len()];
-    let share = patches.len().div_ceil(threads.max(1)).max(1);
-    std::thread::scope(|scope| {
-        let mut workers = Vec::new();
-        for (patches, lit) in patches.chunks(share).zip(lit.chunks_mut(share * suns.len())) {
-            let reference = &reference;
-            workers.push(scope.spawn(move || -> Result<()> {
-                for (&patch, lit) in patches.iter().zip(lit.chunks_exact_mut(suns.len())) {
-                    let normal = prepared.patches.normal(patch);
-                    let points = hemicube::frame::sample_points(prepared.patches.corners(patch), SUN_POINTS);
-                    for (lit, &sun) in lit.iter_mut().zip(suns) {
-                        if normal.dot(sun) <= 0.0 || is_below(sun, horizon) {
-                            continue;
-                        }
-                        let mut seen = 0.0f32;
-                        for &point in &points {
-                            if reference.is_open(Some(patch), point, normal, sun)? {
-                                seen += 1.0;
-                            }
-                        }
-                        #[allow(clippy::cast_precision_loss, reason = "a few points")]
-                        let whole = points.len() as f32;
-                        *lit = seen / whole;
-                    }
-                }
-                Ok(())
-            }));
-        }
-        for worker in workers {
-            worker
-                .join()
-                .unwrap_or_else(|payload| std::panic::resume_unwind(payload))?;
-        }
-        Ok::<(), anyhow::Error>(())
-    })?;
-    Ok(Some(lit))
+    (names, of_patch)
 }
 
 /// What was found.

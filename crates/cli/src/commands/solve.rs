@@ -2,9 +2,10 @@
 
 mod heat;
 mod light;
+mod moments;
 mod surfaces;
 
-use crate::args::{EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
+use crate::args::{By, EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::help::examples;
@@ -43,10 +44,12 @@ const RESTART: u32 = 20;
 /// Vectors in memory a right-hand side, besides GMRES's.
 const VECTORS: u64 = 9;
 /// Options of what is solved, which `--print-materials` does not do.
-const OF_SOLVING: [&str; 16] = [
+const OF_SOLVING: [&str; 18] = [
     "threads",
     "overwrite",
     "thermal",
+    "load",
+    "temperatures",
     "emission",
     "sky_radiance",
     "sky",
@@ -66,7 +69,8 @@ const EXAMPLES: &str = "  \
   hemicube solve city.hemicube --materials city.toml -o city.npz -o city.csv
   hemicube solve room.hemicube --print-materials > room.toml
   hemicube solve oven.hemicube --thermal --materials oven.toml --sky-temperature '20 °C'
-  hemicube solve room.hemicube --thermal --materials room.toml --by object -o room.csv";
+  hemicube solve room.hemicube --thermal --materials room.toml --by object -o room.csv
+  hemicube solve room.hemicube --thermal --materials room.toml --load sun.csv --by object -o hours.csv";
 
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
@@ -112,6 +116,14 @@ pub(crate) struct Arguments {
         help_heading = "Materials"
     )]
     pub(crate) ground_temperature: Option<Temperature>,
+    /// Heat that surfaces take up from elsewhere, as of the sun, W/m²: a line a surface and a column a moment (.csv), or
+    /// a row a moment and a number a patch (.npy)
+    #[arg(long, value_name = "FILE", requires = "thermal", help_heading = "Materials")]
+    pub(crate) load: Option<PathBuf>,
+    /// Temperatures over moments, in place of those of the materials: kelvin, or `20 °C`, in a table as of `--load`; its
+    /// surface `(surroundings)` is what lies outside
+    #[arg(long, value_name = "FILE", requires = "thermal", help_heading = "Materials")]
+    pub(crate) temperatures: Option<PathBuf>,
     /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
     #[arg(
         long,
@@ -155,7 +167,7 @@ pub(crate) struct Arguments {
     pub(crate) output: Vec<PathBuf>,
     /// What a surface is, in the table and in files by surface [default: object]
     #[arg(long, value_name = "object|material|face", hide_possible_values = true)]
-    pub(crate) by: Option<surfaces::By>,
+    pub(crate) by: Option<By>,
     /// Solve for the surfaces of `--by` instead of patches, as textbooks do: each has one radiosity and one temperature
     #[arg(long, requires = "thermal")]
     pub(crate) network: bool,
@@ -182,6 +194,8 @@ impl Arguments {
             .reads(&self.scene)
             .reads(&self.materials)
             .reads(&self.emission)
+            .reads(&self.load)
+            .reads(&self.temperatures)
             .reads(&self.sky_radiance)
             .reads(&self.sky)
             .writes("-o", &self.output, self.matrix.overwrite)
@@ -239,6 +253,9 @@ struct Record {
     bands: Vec<String>,
     /// The band of each right-hand side.
     band_of_row: Vec<usize>,
+    /// Names of the moments of heat, a right-hand side each; none where there are no tables over moments.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    moments: Vec<String>,
     surfaces: Surfaces,
     method: Method,
     tolerance: f64,
@@ -257,9 +274,18 @@ struct Record {
     /// The surfaces with most of what a solution that did not converge leaves.
     #[serde(skip)]
     unsettled: Option<String>,
-    /// Heat by surface, where it is asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    by_surface: Option<surfaces::Results>,
+    /// Heat by surface, a moment each; in files of results where there are several.
+    #[serde(flatten, skip_serializing_if = "surfaces::Moments::is_no_single")]
+    by_surface: surfaces::Moments,
+}
+
+impl Record {
+    /// Counts a solution.
+    fn count(&mut self, solution: &Solution) {
+        self.converged &= solution.converged;
+        self.iterations = self.iterations.max(solution.iterations);
+        self.residuals.extend(&solution.residuals);
+    }
 }
 
 #[derive(Serialize)]
@@ -334,18 +360,17 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Kind::Heat(_) => None,
     };
     for output in &arguments.output {
-        match (&record.by_surface, &light) {
-            (Some(results), _) if arguments.is_by_surface(output) => results.write(output)?,
-            (None, Some(light)) if arguments.is_by_surface(output) => light.write(output)?,
+        match &light {
+            None if arguments.is_by_surface(output) => record.by_surface.write(output)?,
+            Some(light) if arguments.is_by_surface(output) => light.write(output)?,
             _ => write_output(&stored, &store, &table, &record, output)?,
         }
     }
     let seconds = started.elapsed().as_secs_f64();
     if !arguments.report.json {
-        let results = match (&record.by_surface, &light) {
-            (Some(results), _) => results.text(talk.verbose),
-            (None, Some(light)) => light.text(),
-            (None, None) => String::new(),
+        let results = match &light {
+            Some(light) => light.text(),
+            None => record.by_surface.text(talk.verbose),
         };
         report::print(&(results + &energy(&record)))?;
     }
@@ -540,7 +565,11 @@ impl<'a> Task<'a> {
             energy_error: None,
             warnings: Vec::new(),
             unsettled: None,
-            by_surface: None,
+            moments: match &self.kind {
+                Kind::Light(_) => Vec::new(),
+                Kind::Heat(exchange) => exchange.names_of_moments().to_vec(),
+            },
+            by_surface: surfaces::Moments::default(),
         })
     }
 
@@ -573,49 +602,53 @@ impl<'a> Task<'a> {
                 talk.detail(&text);
                 !cancel.load(Ordering::SeqCst)
             };
-            let solved = match &self.kind {
+            let found = match &self.kind {
                 Kind::Light(light) => {
                     let problem = self.problem(light, first..end)?;
-                    solve(factors, &problem, self.options, &mut progress).map(|solution| {
-                        let balance = energy_balance(&problem, &solution, &self.table.area, self.row_table);
-                        (solution, balance, None)
-                    })
+                    let solution = match solve(factors, &problem, self.options, &mut progress) {
+                        Ok(solution) => solution,
+                        Err(SolveError::Interrupted) => return Ok(None),
+                        Err(error) => return Err(error.into()),
+                    };
+                    record.count(&solution);
+                    let balance = energy_balance(&problem, &solution, &self.table.area, self.row_table);
+                    record.balance.extend(balance);
+                    keep(writer, &solution, None, self.row_table)?;
+                    first = end;
+                    continue;
                 }
-                Kind::Heat(exchange) => exchange.solve(factors, self.options, &mut progress).and_then(|found| {
-                    let of = (&found.problem, &found.solution);
-                    let balance = energy_balance(of.0, of.1, &self.table.area, self.row_table);
-                    let enclosures = exchange.enclosures(factors, self.table, self.row_table, &found)?;
+                Kind::Heat(exchange) => {
+                    let place = |row: u64| usize::try_from(row).unwrap_or(usize::MAX);
+                    let moments = place(first)..place(end);
+                    exchange
+                        .solve(factors, moments, self.options, &mut progress)?
+                        .map(|found| (exchange, found))
+                }
+            };
+            let Some((exchange, found)) = found else {
+                return Ok(None);
+            };
+            for found in found {
+                record.count(&found.solution);
+                let balance = energy_balance(&found.problem, &found.solution, &self.table.area, self.row_table);
+                record.balance.extend(balance);
+                let enclosures = exchange.enclosures(factors, self.table, self.row_table, &found)?;
+                // Of the moment of which least is known.
+                let share = enclosures.share();
+                if record.energy_error.is_none_or(|most| share > most) {
+                    record.energy_error = Some(share);
                     record.warnings = exchange.warnings(&enclosures);
-                    record.energy_error = Some(enclosures.share());
-                    record.by_surface = Some(exchange.by_surface(self.table, self.row_table, &found, enclosures));
-                    record.unsettled = exchange.unsettled(&found);
-                    Ok((found.solution, balance, Some(found.temperature)))
-                }),
-            };
-            let (solution, balance, temperature) = match solved {
-                Ok(solved) => solved,
-                Err(SolveError::Interrupted) => return Ok(None),
-                Err(error) => return Err(self.told(error)),
-            };
-            record.converged &= solution.converged;
-            record.iterations = record.iterations.max(solution.iterations);
-            record.residuals.extend(&solution.residuals);
-            record.balance.extend(balance);
-            keep(writer, &solution, temperature.as_deref(), self.row_table)?;
+                }
+                record.unsettled = record.unsettled.take().or(exchange.unsettled(&found));
+                keep(writer, &found.solution, Some(&found.temperature), self.row_table)?;
+                let results = exchange.by_surface(self.table, self.row_table, &found, enclosures);
+                record
+                    .by_surface
+                    .add(record.moments.get(record.balance.len() - 1), results);
+            }
             first = end;
         }
         Ok(Some(()))
-    }
-
-    /// An error of solving, with the surface that it is about.
-    fn told(&self, error: SolveError) -> anyhow::Error {
-        match (&self.kind, &error) {
-            (Kind::Heat(exchange), SolveError::Impossible { patch, .. }) => {
-                let surface = exchange.shown(*patch);
-                anyhow::Error::new(error).context(format!("{surface} cannot be"))
-            }
-            _ => error.into(),
-        }
     }
 
     fn new(
@@ -641,7 +674,7 @@ impl<'a> Task<'a> {
             exchange.question(arguments, table, row_table, talk);
             return Ok(Self {
                 bands: vec!["total".to_owned()],
-                rows: 1,
+                rows: exchange.moments() as u64,
                 table,
                 row_table,
                 options: arguments.options(),
@@ -864,12 +897,12 @@ fn write_csv(stored: &StoredSolution, store: &Store, table: &PatchTable, record:
         }
         for row in 0..array.rows() {
             let band = &record.bands[record.band_of_row[usize::try_from(row).unwrap_or(0)]];
-            let number = if array.rows() > record.bands.len() as u64 {
-                format!("_{row}")
-            } else {
-                String::new()
+            let name = match record.moments.get(usize::try_from(row).unwrap_or(usize::MAX)) {
+                Some(moment) => format!("{quantity}_{moment}"),
+                None if array.rows() > record.bands.len() as u64 => format!("{quantity}_{band}_{row}"),
+                None => format!("{quantity}_{band}"),
             };
-            header.push_str(&format!(",{}", field(&format!("{quantity}_{band}{number}"))));
+            header.push_str(&format!(",{}", field(&name)));
             columns.push(array.row(row)?);
         }
     }

@@ -5,6 +5,7 @@
 //! portal and stays there is in no column, as what is seen directly.
 
 use super::bins::Bins;
+use super::sun::mean_over;
 use super::{SkyDivision, SkyOptions, SkyRow, failed};
 use crate::Model;
 use crate::backend::HemicubeBackend;
@@ -18,8 +19,6 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// n: rays to a sun start from n² points of a patch.
-pub const SUN_POINTS: u32 = 4;
 /// Parts of a pixel's unit of weight in paths through portals.
 const FINE: u64 = 1 << 10;
 
@@ -134,14 +133,14 @@ impl Worker<'_> {
 }
 
 /// The irradiance of each patch from each sun of 1 on a plane across its beam, directly, through panes and off mirrors:
-/// the mean of Σ w cos θ over `samples_per_edge`² points of the patch ([`ThroughPortals::sunlight`]). A row a patch, a
-/// number a sun. Suns below the horizon light nothing.
+/// the mean of Σ w cos θ over points of the patch, within about `error` of its range ([`ThroughPortals::sunlight`]). A row
+/// a patch, a number a sun. Suns below the horizon light nothing.
 pub fn sunlight(
     model: &Model,
     patches: &[InputPatch],
     suns: &[DVec3],
     glazed: Glazed<'_>,
-    samples_per_edge: u32,
+    error: f64,
     threads: usize,
 ) -> Vec<f32> {
     let mut light = vec![0.0f32; patches.len() * suns.len()];
@@ -158,14 +157,13 @@ pub fn sunlight(
                     let Some(normal) = crate::geometry::cross(&corners).try_normalize() else {
                         continue;
                     };
-                    let points = crate::frame::sample_points(corners, samples_per_edge);
                     for (light, &sun) in light.iter_mut().zip(suns) {
-                        if sun.dot(glazed.horizon.up) < 0.0 {
+                        if glazed.horizon.is_below(sun) {
                             continue;
                         }
-                        let each = points.iter().map(|&point| through.sunlight(point, normal, sun));
+                        let mean = mean_over(corners, error, |point| through.sunlight(point, normal, sun));
                         #[allow(clippy::cast_possible_truncation, reason = "a share of a sun")]
-                        let mean = (each.sum::<f64>() / points.len().max(1) as f64) as f32;
+                        let mean = mean as f32;
                         *light = mean;
                     }
                 }

@@ -188,6 +188,84 @@ impl Heat {
         });
     }
 
+    /// This exchange with heat that patches take up from elsewhere, as of the sun or a lamp: W/m², a number a patch. A
+    /// patch of an unknown temperature has to radiate it; of a given temperature nothing changes.
+    ///
+    /// # Errors
+    /// When it is not of the exchange's patches, or a number of it is not finite.
+    pub fn with_load(&self, load: &[f64]) -> Result<Self, SolveError> {
+        self.require_numbers("heat taken up", load, |load| load.is_finite())?;
+        let mut loaded = self.clone();
+        for (patch, (given, &load)) in loaded.given.iter_mut().zip(load).enumerate() {
+            match given {
+                Given::Temperature(_) => {}
+                Given::Flux(flux) => *flux += load,
+                Given::Node(node) => {
+                    if let Some(heat) = loaded.nodes.get_mut(*node as usize) {
+                        *heat += self.area[patch] * load;
+                    }
+                }
+            }
+        }
+        Ok(loaded)
+    }
+
+    /// This exchange with other temperatures of the patches that have given ones: kelvin, a number a patch; NaN leaves
+    /// a patch as it is.
+    ///
+    /// # Errors
+    /// When they are not of the exchange's patches, or one is of a patch whose temperature is to be found.
+    pub fn with_temperatures(&self, kelvin: &[f64]) -> Result<Self, SolveError> {
+        self.require_numbers("temperatures", kelvin, |kelvin| {
+            kelvin.is_nan() || kelvin >= 0.0 && kelvin.is_finite()
+        })?;
+        let mut other = self.clone();
+        for (patch, (given, &kelvin)) in other.given.iter_mut().zip(kelvin).enumerate() {
+            match given {
+                _ if kelvin.is_nan() => {}
+                Given::Temperature(given) => *given = kelvin,
+                _ => {
+                    return Err(SolveError::Problem(format!(
+                        "patch {patch} is given {kelvin} K, and its temperature is to be found"
+                    )));
+                }
+            }
+        }
+        Ok(other)
+    }
+
+    fn require_numbers(&self, what: &str, values: &[f64], is_sound: impl Fn(f64) -> bool) -> Result<(), SolveError> {
+        if values.len() != self.area.len() {
+            return Err(SolveError::Problem(format!(
+                "{what} of {} patches are given, and the exchange is of {}",
+                values.len(),
+                self.area.len()
+            )));
+        }
+        match values.iter().position(|&value| !is_sound(value)) {
+            Some(patch) => Err(SolveError::Problem(format!(
+                "{what} of patch {patch} are {}, which they cannot be",
+                values[patch]
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns whether another exchange is of the same patches under conditions of the same kinds.
+    fn is_alike(&self, other: &Self) -> bool {
+        let kind = |given: &Given| match *given {
+            Given::Temperature(_) => None,
+            Given::Flux(_) => Some(u32::MAX),
+            Given::Node(node) => Some(node),
+        };
+        self.area == other.area
+            && self.emissivity == other.emissivity
+            && self.returned == other.returned
+            && self.handed_on == other.handed_on
+            && self.nodes.len() == other.nodes.len()
+            && self.given.iter().map(kind).eq(other.given.iter().map(kind))
+    }
+
     /// True if some temperature is to be found from a flux other than 0, or for a whole surface.
     pub fn is_mixed(&self) -> bool {
         let is_mixed = |given: &Given| match *given {
@@ -290,35 +368,39 @@ impl Heat {
         })
     }
 
-    /// The system for [`super::solve`], and what couples its patches.
-    fn system(&self) -> (Problem, Vec<Node>) {
-        let members = self.members();
+    /// The system for [`super::solve`], a column an exchange of `moments`, which are like this one, and what couples its
+    /// patches.
+    fn system(&self, moments: &[Self]) -> (Problem, Vec<Node>) {
         let mut nodes = Vec::new();
-        let mut own = vec![0.0; self.nodes.len()];
-        for (number, (patches, heat)) in members.into_iter().zip(&self.nodes).enumerate() {
+        let mut wholes = Vec::new();
+        for patches in self.members() {
             let emissivity: Vec<f64> = patches.iter().map(|&patch| self.emissivity[patch as usize]).collect();
             let absorbing = |at: usize| self.area[patches[at] as usize] * emissivity[at];
             let whole: f64 = (0..patches.len()).map(absorbing).sum();
-            own[number] = heat / whole;
+            wholes.push(whole);
             nodes.push(Node {
                 weight: (0..patches.len()).map(|at| absorbing(at) / whole).collect(),
                 patches,
                 emissivity,
             });
         }
-        let patches = self.area.len();
+        let (patches, columns) = (self.area.len(), moments.len());
+        let outside = |moment: &Self, patch: usize| moment.outside.as_ref().map_or(0.0, |outside| outside[patch]);
         let problem = Problem {
             reflectance: Block::from_fn(patches, 1, |patch, _| match self.given[patch] {
                 Given::Flux(_) => self.kept(patch).max(0.0),
                 _ => (self.kept(patch) - self.emissivity[patch]).max(0.0),
             }),
-            bands: vec![0],
-            emission: Block::from_fn(patches, 1, |patch, _| match self.given[patch] {
+            bands: vec![0; columns],
+            emission: Block::from_fn(patches, columns, |patch, column| match moments[column].given[patch] {
                 Given::Temperature(kelvin) => self.emissivity[patch] * black(kelvin),
                 Given::Flux(flux) => flux,
-                Given::Node(node) => self.emissivity[patch] * own[node as usize],
+                Given::Node(node) => {
+                    self.emissivity[patch] * (moments[column].nodes[node as usize] / wholes[node as usize])
+                }
             }),
-            outside: (self.outside.as_ref()).map(|outside| Block::from_fn(patches, 1, |patch, _| outside[patch])),
+            outside: (moments.iter().any(|moment| moment.outside.is_some()))
+                .then(|| Block::from_fn(patches, columns, |patch, column| outside(&moments[column], patch))),
             returned: Some(self.returned.clone()),
         };
         (problem, nodes)
@@ -516,8 +598,57 @@ pub fn solve_heat(
     options: SolveOptions,
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<HeatSolution, SolveError> {
-    heat.check(factors.patch_count())?;
-    let (problem, nodes) = heat.system();
+    let found = solve_heats(factors, std::slice::from_ref(heat), options, progress)?;
+    found.into_iter().next().ok_or(SolveError::Interrupted)
+}
+
+/// Solves exchanges of heat between the same patches at several moments together: conditions are of the same kinds, and
+/// temperatures, fluxes, heats and what comes from outside may differ. Products with the matrix are in common.
+///
+/// # Errors
+/// As [`solve_heat`]; and where an exchange is unlike the first.
+///
+/// ```
+/// use hemicube_solve::solve::{Given, Heat, InMemory, SolveOptions, solve_heats};
+///
+/// // A black plate above one at 300 K takes up 0, 100 and 200 W/m² of sun on its other side.
+/// let plates = InMemory::dense(&[vec![0.0, 1.0], vec![1.0, 0.0]]);
+/// let night = Heat {
+///     area: vec![1.0; 2],
+///     emissivity: vec![1.0; 2],
+///     given: vec![Given::Flux(0.0), Given::Temperature(300.0)],
+///     nodes: Vec::new(),
+///     outside: None,
+///     returned: vec![0.0; 2],
+///     handed_on: Vec::new(),
+/// };
+/// let moments: Vec<Heat> = [0.0, 100.0, 200.0]
+///     .iter()
+///     .map(|&sun| night.with_load(&[sun, sun]))
+///     .collect::<Result<_, _>>()?;
+/// let found = solve_heats(&plates, &moments, SolveOptions::default(), &mut |_| true)?;
+/// let kelvin: Vec<f64> = found.iter().map(|found| found.temperature[0]).collect();
+/// assert!((kelvin[0] - 300.0).abs() < 1e-3 && (kelvin[2] - 328.61).abs() < 0.01, "{kelvin:?}");
+/// # Ok::<(), hemicube_solve::solve::SolveError>(())
+/// ```
+pub fn solve_heats(
+    factors: &dyn Factors,
+    moments: &[Heat],
+    options: SolveOptions,
+    progress: &mut dyn FnMut(Step) -> bool,
+) -> Result<Vec<HeatSolution>, SolveError> {
+    let Some(heat) = moments.first() else {
+        return Ok(Vec::new());
+    };
+    if !moments.iter().all(|moment| moment.is_alike(heat)) {
+        return Err(SolveError::Problem(
+            "the conditions of two moments are of other kinds, patches or emissivities".to_owned(),
+        ));
+    }
+    for moment in moments {
+        moment.check(factors.patch_count())?;
+    }
+    let (problem, nodes) = heat.system(moments);
     if !nodes.is_empty() && options.method == Method::GaussSeidel {
         return Err(SolveError::Problem(
             "isothermal surfaces are solved by GMRES or Jacobi's method: their patches change together".to_owned(),
@@ -526,15 +657,36 @@ pub fn solve_heat(
     let coupling = Coupling {
         nodes: &nodes,
         // Without an unknown level there is no slow direction, and results stay what they were.
-        corrections_kept: if heat.is_mixed() { CORRECTIONS_KEPT } else { 0 },
+        corrections_kept: if moments.iter().any(Heat::is_mixed) {
+            CORRECTIONS_KEPT
+        } else {
+            0
+        },
     };
     let solution = solve_coupled(factors, &problem, coupling, options, progress)?;
-    let (temperature, problem) = heat.temperatures(problem, &solution)?;
-    Ok(HeatSolution {
-        solution,
-        temperature,
-        problem,
-    })
+    let column = |block: &Block, column: usize| Block::from_fn(block.patches(), 1, |patch, _| block.of(patch)[column]);
+    let of_moment = |(at, moment): (usize, &Heat)| {
+        let own = Problem {
+            reflectance: problem.reflectance.clone(),
+            bands: vec![0],
+            emission: column(&problem.emission, at),
+            outside: problem.outside.as_ref().map(|outside| column(outside, at)),
+            returned: problem.returned.clone(),
+        };
+        let solution = Solution {
+            radiosity: column(&solution.radiosity, at),
+            irradiance: column(&solution.irradiance, at),
+            residuals: vec![solution.residuals[at]],
+            ..solution
+        };
+        let (temperature, problem) = moment.temperatures(own, &solution)?;
+        Ok(HeatSolution {
+            solution,
+            temperature,
+            problem,
+        })
+    };
+    moments.iter().enumerate().map(of_moment).collect()
 }
 
 #[cfg(test)]
@@ -598,6 +750,64 @@ mod tests {
             (found.patches, found.names.as_str()),
             (vec![false, false, true], "`far`")
         );
+    }
+
+    /// A body of one temperature, a sunlit plate and one of a given temperature, at three moments.
+    #[test]
+    fn moments_solved_together_are_those_solved_alone() {
+        let third = 1.0 / 3.0;
+        let factors = InMemory::dense(&[
+            vec![0.0, third, third, third],
+            vec![third, 0.0, third, third],
+            vec![third, third, 0.0, third],
+            vec![third, third, third, 0.0],
+        ]);
+        let night = Heat {
+            area: vec![1.0; 4],
+            emissivity: vec![0.5, 0.7, 0.9, 0.6],
+            given: vec![
+                Given::Node(0),
+                Given::Node(0),
+                Given::Flux(0.0),
+                Given::Temperature(290.0),
+            ],
+            nodes: vec![20.0],
+            outside: None,
+            returned: vec![0.0; 4],
+            handed_on: Vec::new(),
+        };
+        let noon = night.with_load(&[100.0, 0.0, 400.0, 900.0]).expect("four numbers");
+        assert_eq!(noon.nodes, [120.0]);
+        assert_eq!(noon.given[2..], [Given::Flux(400.0), Given::Temperature(290.0)]);
+        let dusk = night.with_temperatures(&[f64::NAN, f64::NAN, f64::NAN, 280.0]);
+        let moments = [night, noon, dusk.expect("one temperature is given")];
+        let options = SolveOptions {
+            tolerance: 1e-12,
+            ..SolveOptions::default()
+        };
+        let together = solve_heats(&factors, &moments, options, &mut |_| true).expect("solved");
+        for (moment, together) in moments.iter().zip(&together) {
+            let alone = solve_heat(&factors, moment, options, &mut |_| true).expect("solved");
+            for (a, b) in alone.temperature.iter().zip(&together.temperature) {
+                assert!((a - b).abs() < 1e-8, "{a} {b}");
+            }
+        }
+        let [night, noon, dusk] = [0, 1, 2].map(|at| together[at].temperature[2]);
+        assert!(noon > night + 10.0 && dusk < night - 5.0, "{night} {noon} {dusk}");
+        // Nothing is lost: what the body and the plate take up, the plate at 290 K does.
+        let q = |at: usize| together[1].solution.radiosity.of(at)[0] - together[1].solution.irradiance.of(at)[0];
+        assert!((q(3) + 520.0).abs() < 1e-6, "{}", q(3));
+
+        let wrong = moments[0].with_temperatures(&[280.0, f64::NAN, f64::NAN, f64::NAN]);
+        assert!(matches!(wrong, Err(SolveError::Problem(reason)) if reason.contains("patch 0")));
+        assert!(moments[0].with_load(&[1.0]).is_err() && moments[0].with_load(&[f64::NAN; 4]).is_err());
+        let other = Heat {
+            given: vec![Given::Flux(0.0); 4],
+            nodes: Vec::new(),
+            ..moments[0].clone()
+        };
+        let unlike = solve_heats(&factors, &[moments[0].clone(), other], options, &mut |_| true);
+        assert!(matches!(unlike, Err(SolveError::Problem(_))), "{unlike:?}");
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Heat for `hemicube solve`: conditions, surroundings, and what is asked about them.
 
-use super::surfaces::{By, EnclosuresOfHeat, Results};
+use super::moments::{Moments, Surroundings};
+use super::surfaces::{EnclosuresOfHeat, Results};
 use super::{Arguments, Surfaces};
-use crate::args::Talk;
+use crate::args::{By, Talk};
 use crate::exit::hinted;
 use crate::materials;
 use crate::report::{counted, figures, percent};
@@ -16,10 +17,11 @@ use hemicube::sky::StoredSky;
 use hemicube::solve::{
     Block, Condition, Enclosures, Factors, Heat, HeatSolution, Named, OPEN, Problem, Properties, Reading, Solution,
     SolveError, SolveOptions, Step, Temperature, Thermal, Undetermined, disagreement, enclosures, open_share,
-    question_of_cold, solve_heat,
+    question_of_cold, solve_heats,
 };
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// Surfaces named of a solution that did not converge.
@@ -104,12 +106,12 @@ pub(super) struct Exchange {
     thermal: Vec<Thermal>,
     kind_of_patch: Vec<u32>,
     heat: Heat,
-    ambient: f64,
-    ground: Option<f64>,
+    surroundings: Surroundings,
+    moments: Moments,
     /// Grouping of the results by surface.
     by: By,
     /// Surfaces of one radiosity in place of patches.
-    network: Option<(Network, Heat)>,
+    network: Option<Network>,
     manifest: Manifest,
     enclosures: Enclosures,
     reading: Reading,
@@ -133,15 +135,25 @@ impl Exchange {
             .sky_temperature
             .map_or(0.0, hemicube::solve::Temperature::kelvin);
         let ground = arguments.ground_temperature.map(hemicube::solve::Temperature::kelvin);
-        match ground {
-            None => heat.surround(&[(ambient, &rows.escaped)]),
+        let surroundings = match ground {
+            None => Surroundings {
+                above: rows.escaped.clone(),
+                ambient,
+                ground: None,
+            },
             Some(ground) => {
                 let below = below_horizon(arguments, store, &rows.escaped)?;
                 let above = rows.escaped.iter().zip(&below).map(|(escaped, below)| escaped - below);
-                let above: Vec<f64> = above.collect();
-                heat.surround(&[(ambient, &above), (ground, &below)]);
+                Surroundings {
+                    above: above.collect(),
+                    ambient,
+                    ground: Some((ground, below)),
+                }
             }
-        }
+        };
+        surroundings.surround(&mut heat, ambient);
+        let (load, kelvin) = (arguments.load.as_deref(), arguments.temperatures.as_deref());
+        let moments = Moments::read(load, kelvin, store.manifest(), table)?;
         let of_scene = properties.emissivities_of_scene();
         let is_asked = arguments.by.is_some()
             || arguments.network
@@ -155,18 +167,7 @@ impl Exchange {
         let manifest = store.manifest().clone();
         let network = match arguments.network {
             false => None,
-            true => {
-                let network = Network::new(store, Some(by.group()), arguments.reading())?;
-                let of_surfaces = network.heat(&heat).map_err(|name| {
-                    hinted(
-                        anyhow!(
-                            "the patches of `{name}` have several conditions or emissivities, and a surface has one"
-                        ),
-                        "give its object one in a table `[object.\"…\"]`, or take smaller surfaces: `--by face`",
-                    )
-                })?;
-                Some((network, of_surfaces))
-            }
+            true => Some(Network::new(store, Some(by.group()), arguments.reading())?),
         };
         let found = enclosures(factors)?;
         let named = Named {
@@ -175,22 +176,65 @@ impl Exchange {
             object: &table.object,
             material: &table.material,
         };
-        let undetermined = heat.require_temperatures(&found, &rows.escaped, named)?;
-        Ok(Self {
+        let mut exchange = Self {
             by,
             network,
-            manifest,
+            manifest: manifest.clone(),
             heat,
-            ambient,
-            ground,
+            surroundings,
+            moments,
             enclosures: found,
-            undetermined,
+            undetermined: Undetermined::default(),
             reading: arguments.reading(),
             store: store.directory().to_owned(),
             of_scene,
             kind_of_patch: properties.kind_of_patch().to_vec(),
             thermal,
-        })
+        };
+        for moment in 0..exchange.moments.len() {
+            let (heat, load) = exchange.of_patches(moment)?;
+            if let Some(network) = &exchange.network {
+                of_surfaces(network, &heat, load.as_deref())?;
+            }
+            let heat = match load {
+                Some(load) => heat.with_load(&load)?,
+                None => heat,
+            };
+            let undetermined = heat.require_temperatures(&exchange.enclosures, &rows.escaped, named);
+            exchange.undetermined = undetermined.map_err(|error| exchange.told_at(moment, error))?;
+        }
+        Ok(exchange)
+    }
+
+    /// The exchange of the patches at the temperatures of a moment, and what these take up.
+    fn of_patches(&self, moment: usize) -> Result<(Heat, Option<Vec<f64>>)> {
+        let heat = self.moments.at(moment, &self.heat, &self.surroundings)?;
+        Ok((heat, self.moments.load_at(moment)?))
+    }
+
+    /// Number of moments.
+    pub(super) fn moments(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// Names of the moments; none where there are no tables over moments.
+    pub(super) fn names_of_moments(&self) -> &[String] {
+        self.moments.names()
+    }
+
+    /// An error with the moment that it is of.
+    fn told_at(&self, moment: usize, error: SolveError) -> anyhow::Error {
+        let error = match &error {
+            SolveError::Impossible { patch, .. } => {
+                let surface = self.shown(*patch);
+                anyhow::Error::new(error).context(format!("{surface} cannot be"))
+            }
+            _ => anyhow::Error::new(error),
+        };
+        match self.moments.names().get(moment) {
+            Some(name) if self.moments.len() > 1 => error.context(format!("at `{name}`")),
+            _ => error,
+        }
     }
 
     /// Asks once whether temperatures are in kelvin, and about the surroundings of an open scene.
@@ -222,7 +266,8 @@ impl Exchange {
             talk.warn(&question);
         }
         let share = open_share(rows, &table.area);
-        if let Some(share) = share.filter(|_| arguments.sky_temperature.is_none()) {
+        let is_said = arguments.sky_temperature.is_some() || self.moments.has_surroundings();
+        if let Some(share) = share.filter(|_| !is_said) {
             talk.warn(&format!(
                 "{} of the view leaves the scene, and what lies outside is taken to be at 0 K; `--sky-temperature \
                  KELVIN` says how warm it is (0: cold space)",
@@ -243,8 +288,8 @@ impl Exchange {
     pub(super) fn recorded(&self) -> Surfaces {
         Surfaces::Heat {
             materials: self.thermal.iter().map(Recorded::of).collect(),
-            ambient: self.ambient,
-            ground: self.ground,
+            ambient: self.surroundings.ambient,
+            ground: self.surroundings.ground.as_ref().map(|(kelvin, _)| *kelvin),
         }
     }
 
@@ -253,26 +298,38 @@ impl Exchange {
         self.thermal[self.kind_of_patch[patch] as usize].shown()
     }
 
+    /// Solves some moments together; `None` where interrupted.
     pub(super) fn solve(
         &self,
         factors: &dyn Factors,
+        moments: Range<usize>,
         options: SolveOptions,
         progress: &mut dyn FnMut(Step) -> bool,
-    ) -> Result<HeatSolution, SolveError> {
-        match &self.network {
-            None => solve_heat(factors, &self.heat, options, progress),
-            Some((network, heat)) => match solve_heat(&network.factors, heat, options, progress) {
-                Ok(found) => Ok(spread(network, found)),
-                Err(SolveError::Impossible { patch: surface, count }) => Err(SolveError::Impossible {
-                    patch: network
-                        .of_patch
-                        .iter()
-                        .position(|&of| of as usize == surface)
-                        .unwrap_or(0),
-                    count,
-                }),
-                Err(error) => Err(error),
-            },
+    ) -> Result<Option<Vec<HeatSolution>>> {
+        let first = moments.start;
+        let at = |moment: usize| {
+            let (heat, load) = self.of_patches(moment)?;
+            match (&self.network, load) {
+                (Some(network), load) => of_surfaces(network, &heat, load.as_deref()),
+                (None, Some(load)) => Ok(heat.with_load(&load)?),
+                (None, None) => Ok(heat),
+            }
+        };
+        let heats = moments.map(at).collect::<Result<Vec<Heat>>>()?;
+        let found = match &self.network {
+            None => solve_heats(factors, &heats, options, progress),
+            Some(network) => solve_heats(&network.factors, &heats, options, progress)
+                .map(|found| found.into_iter().map(|found| spread(network, found)).collect()),
+        };
+        match (found, &self.network) {
+            (Ok(found), _) => Ok(Some(found)),
+            (Err(SolveError::Interrupted), _) => Ok(None),
+            (Err(SolveError::Impossible { patch, count }), Some(network)) => {
+                let is_of = |&of: &u32| of as usize == patch;
+                let patch = network.of_patch.iter().position(is_of).unwrap_or(0);
+                Err(self.told_at(first, SolveError::Impossible { patch, count }))
+            }
+            (Err(error), _) => Err(self.told_at(first, error)),
         }
     }
 
@@ -323,7 +380,7 @@ impl Exchange {
         let black = |kept: f64, radiosity: f64| if kept > 0.0 { radiosity / kept } else { 0.0 };
         let mut error = match &self.network {
             None => row_errors(rows),
-            Some((network, _)) => {
+            Some(network) => {
                 let of = network.row_errors();
                 network.of_patch.iter().map(|&surface| of[surface as usize]).collect()
             }
@@ -336,7 +393,7 @@ impl Exchange {
                     let blacks: Vec<f64> = (0..patches).map(|patch| black(kept[patch], radiosity(patch))).collect();
                     disagreement(factors, &table.area, &kept, &blacks)?
                 }
-                Some((network, _)) => {
+                Some(network) => {
                     let kept: Vec<f64> = (0..network.len()).map(|surface| network.kept(surface)).collect();
                     let mut blacks = vec![0.0; network.len()];
                     for (patch, &surface) in network.of_patch.iter().enumerate() {
@@ -407,6 +464,25 @@ impl Exchange {
             .with_residual(residual)
             .with_emissivities(self.of_scene)
     }
+}
+
+/// The exchange of a network's surfaces, of that of their patches: loads are spread over each surface.
+fn of_surfaces(network: &Network, heat: &Heat, load: Option<&[f64]>) -> Result<Heat> {
+    let surfaces = network.heat(heat).map_err(|name| {
+        hinted(
+            anyhow!("the patches of `{name}` have several conditions or emissivities, and a surface has one"),
+            "give its object one in a table `[object.\"…\"]`, or take smaller surfaces: `--by face`",
+        )
+    })?;
+    let Some(load) = load else { return Ok(surfaces) };
+    let mut mean = vec![0.0; network.len()];
+    for ((&surface, area), load) in network.of_patch.iter().zip(&heat.area).zip(load) {
+        let surface = surface as usize;
+        if network.area[surface] > 0.0 {
+            mean[surface] += area * load / network.area[surface];
+        }
+    }
+    Ok(surfaces.with_load(&mean)?)
 }
 
 /// The solution of a network, given to the patches of its surfaces.

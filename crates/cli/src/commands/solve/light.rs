@@ -1,6 +1,7 @@
 //! Light by surface: a table on the terminal, `.csv` and `.json`.
 
-use super::surfaces::{By, Format, SURFACES_SHOWN, five, name_of};
+use super::surfaces::{Format, SURFACES_SHOWN, five, name_of};
+use crate::args::By;
 use crate::report::{Listing, PendingFile, count, table};
 use crate::table::field;
 use anyhow::{Context, Result};

@@ -1,12 +1,12 @@
 //! Heat by surface: a table on the terminal, `.csv` and `.json`.
 
+use super::moments::SURROUNDINGS;
+use crate::args::By;
 use crate::escape::shown;
 use crate::report::{Listing, PendingFile, count, counted, percent, table};
 use crate::table::field;
 use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
 use hemicube::analysis::surfaces::{ERROR_TOLD, EnclosureError, HeatBalance, HeatError, MatrixTables, SurfaceHeat};
-use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::{Enclosures, Reading};
 use serde::Serialize;
 use std::io::Write;
@@ -22,36 +22,6 @@ const LEAST_RESIDUAL: f64 = 1e-13;
 const ENCLOSURES_SHOWN: usize = 6;
 /// Names of an enclosure.
 const NAMES_SHOWN: usize = 3;
-
-/// Grouping of patches into surfaces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum By {
-    /// Objects of one name
-    Object,
-    /// Materials of one name
-    Material,
-    /// Faces of the scene's file
-    Face,
-}
-
-impl By {
-    pub(super) fn group(self) -> GroupBy {
-        match self {
-            Self::Object => GroupBy::Object,
-            Self::Material => GroupBy::Material,
-            Self::Face => GroupBy::Face,
-        }
-    }
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Object => "object",
-            Self::Material => "material",
-            Self::Face => "face",
-        }
-    }
-}
 
 /// A file of results by surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,6 +113,149 @@ impl EnclosuresOfHeat {
             }
         })
     }
+}
+
+/// Results of each moment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(super) struct Moments {
+    /// Of a single moment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    by_surface: Option<Results>,
+    /// Of several, with their names: files and the terminal have them.
+    #[serde(skip)]
+    of_moments: Vec<(String, Results)>,
+}
+
+impl Moments {
+    /// Adds the results of the next moment, with its name where it has one.
+    pub(super) fn add(&mut self, name: Option<&String>, results: Results) {
+        match (name, self.by_surface.take()) {
+            (None, _) => self.by_surface = Some(results),
+            (Some(name), _) => self.of_moments.push((name.clone(), results)),
+        }
+    }
+
+    /// Returns whether the record of a solution has none of it.
+    pub(super) fn is_no_single(&self) -> bool {
+        self.by_surface.is_none()
+    }
+
+    /// The table of a single moment; of several, a line a surface with its temperatures over them.
+    pub(super) fn text(&self, is_verbose: bool) -> String {
+        match (&self.by_surface, &self.of_moments[..]) {
+            (Some(results), _) => results.text(is_verbose),
+            (None, []) => String::new(),
+            (None, [(_, results)]) => results.text(is_verbose),
+            (None, moments) => over_moments(moments),
+        }
+    }
+
+    /// Writes a file: a line a surface, and of several moments a line a moment and surface.
+    pub(super) fn write(&self, path: &Path) -> Result<()> {
+        let cannot = || format!("`{}` cannot be written", path.display());
+        let text = match (&self.by_surface, Format::of(path)?) {
+            (Some(results), Format::Json) => serde_json::to_string_pretty(results),
+            (None, Format::Json) => {
+                #[derive(Serialize)]
+                struct Moment<'a> {
+                    moment: &'a str,
+                    #[serde(flatten)]
+                    results: &'a Results,
+                }
+                let moments = self.of_moments.iter();
+                let moments: Vec<Moment<'_>> = moments.map(|(moment, results)| Moment { moment, results }).collect();
+                serde_json::to_string_pretty(&moments)
+            }
+            (Some(results), Format::Csv) => Ok(results.csv(None)),
+            (None, Format::Csv) => {
+                Ok(self
+                    .of_moments
+                    .iter()
+                    .enumerate()
+                    .fold(String::new(), |mut text, (at, (moment, results))| {
+                        let lines = results.csv(Some(moment));
+                        let head = if at > 0 {
+                            lines.find('\n').map_or(0, |end| end + 1)
+                        } else {
+                            0
+                        };
+                        text.push_str(&lines[head..]);
+                        text
+                    }))
+            }
+        };
+        let text = text.context("the results are no JSON")?;
+        let end = if text.ends_with('\n') { "" } else { "\n" };
+        let mut file = PendingFile::create(path)?;
+        file.write_all((text + end).as_bytes()).with_context(cannot)?;
+        file.commit()
+    }
+}
+
+/// A line a surface: its mean temperature at the moments where it is least and most, and the mean of its heat.
+fn over_moments(moments: &[(String, Results)]) -> String {
+    let Some((_, first)) = moments.first() else {
+        return String::new();
+    };
+    let of = |surface: usize| {
+        moments
+            .iter()
+            .map(move |(name, results)| (name, &results.surfaces[surface]))
+    };
+    let mean_heat = |surface: usize| of(surface).map(|(_, found)| found.heat).sum::<f64>() / moments.len() as f64;
+    let extreme = |surface: usize, sign: f64| {
+        let known = of(surface).filter_map(|(name, found)| Some((name, found.temperature?[0])));
+        let extreme = known.max_by(|a, b| (sign * a.1).total_cmp(&(sign * b.1)));
+        extreme.map_or_else(|| "–".to_owned(), |(name, kelvin)| format!("{kelvin:.2} at {name}"))
+    };
+    let mut places: Vec<usize> = (0..first.surfaces.len()).collect();
+    if places.len() > SURFACES_SHOWN {
+        places.sort_by(|&a, &b| mean_heat(b).abs().total_cmp(&mean_heat(a).abs()).then(a.cmp(&b)));
+        places.truncate(SURFACES_SHOWN);
+        places.sort_unstable();
+    }
+    let left = moments.iter().map(|(_, results)| results.left).fold(0.0, f64::max);
+    let rows = places.iter().map(|&place| {
+        let heat = mean_heat(place);
+        let surface = &first.surfaces[place];
+        [
+            name_of(&surface.name),
+            count(surface.patches.into()),
+            five(surface.area),
+            extreme(place, -1.0),
+            extreme(place, 1.0),
+            if heat.abs() <= left { "0".to_owned() } else { five(heat) },
+        ]
+    });
+    let headings = [
+        first.by.name(),
+        "patches",
+        "area",
+        "least mean, K",
+        "most mean, K",
+        "mean heat, W",
+    ];
+    let mut text = format!("{}\n", table(headings, rows));
+    let mut list = Listing::default();
+    if first.surfaces.len() > places.len() {
+        list.add(
+            "surfaces",
+            format!(
+                "{} with less heat are not shown",
+                count((first.surfaces.len() - places.len()) as u64)
+            ),
+        );
+    }
+    list.add(
+        "moments",
+        format!(
+            "{}; `--by {} -o FILE.csv` has each",
+            count(moments.len() as u64),
+            first.by.name()
+        ),
+    );
+    text.push_str(&list.text());
+    text
 }
 
 /// Results by surface.
@@ -322,23 +435,13 @@ impl Results {
         )
     }
 
-    /// Writes a file.
-    pub(super) fn write(&self, path: &Path) -> Result<()> {
-        let cannot = || format!("`{}` cannot be written", path.display());
-        let text = match Format::of(path)? {
-            Format::Json => serde_json::to_string_pretty(self).context("the results are no JSON")? + "\n",
-            Format::Csv => self.csv(),
-        };
-        let mut file = PendingFile::create(path)?;
-        file.write_all(text.as_bytes()).with_context(cannot)?;
-        file.commit()
-    }
-
-    /// The surfaces and, last, the surroundings: heat adds up to the error.
-    fn csv(&self) -> String {
+    /// The surfaces and, last, the surroundings: heat adds up to the error. A moment is the first column.
+    fn csv(&self, moment: Option<&str>) -> String {
+        let of_moment = moment.map_or_else(String::new, |moment| format!("{},", field(moment)));
         let mut text = format!(
-            "{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,mean_of_K,radiosity_W_per_m2,\
+            "{}{},patches,area,heat_W,flux_W_per_m2,mean_K,least_K,most_K,mean_of_K,radiosity_W_per_m2,\
              irradiance_W_per_m2\n",
+            if moment.is_some() { "moment," } else { "" },
             self.by.name()
         );
         for surface in &self.surfaces {
@@ -347,7 +450,7 @@ impl Results {
                 |values| values.map(|kelvin| kelvin.to_string()),
             );
             text.push_str(&format!(
-                "{},{},{},{},{},{mean},{least},{most},{},{},{}\n",
+                "{of_moment}{},{},{},{},{},{mean},{least},{most},{},{},{}\n",
                 field(&surface.name),
                 surface.patches,
                 surface.area,
@@ -361,7 +464,10 @@ impl Results {
             ));
         }
         if self.balance.surroundings != 0.0 {
-            text.push_str(&format!("(surroundings),,,{},,,,,,,\n", -self.balance.surroundings));
+            text.push_str(&format!(
+                "{of_moment}{SURROUNDINGS},,,{},,,,,,,\n",
+                -self.balance.surroundings
+            ));
         }
         text
     }
