@@ -134,10 +134,10 @@ pub(crate) struct SceneSettings {
         hide_short_help = true
     )]
     pub(crate) keep_duplicates: Switch,
-    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    /// Lift the safety limits on the size of a scene (docs/security.md)
     #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
-    /// Take no more than SIZE of memory: 800M, 4G. Before triangles are cut, patches are counted
+    /// Memory limit (800M, 4G): a cut that would exceed it is refused at the start
     #[arg(long, value_name = "SIZE", value_parser = bytes, hide_short_help = true)]
     pub(crate) memory: Option<u64>,
 }
@@ -153,9 +153,8 @@ pub(crate) struct EngineSettings {
     /// An option of the backend, such as `device=1` (repeatable)
     #[arg(long, value_name = "KEY=VALUE", hide_short_help = true)]
     pub(crate) backend_option: Vec<String>,
-    /// How the CPU backend finds what is visible: by depth, for any scene, in order, for polygonal ones, or by claims,
-    /// which gives the rows of depth and is faster where hemicubes are fine, or triangles are cut into many patches. Sky,
-    /// points and pictures are by depth
+    /// Visibility algorithm of the CPU backend: depth (any scene), order (polygonal scenes), claims (as depth, faster for
+    /// small patches). Sky, points and pictures are by depth
     #[arg(
         long,
         value_name = "auto|depth|order|claims",
@@ -282,7 +281,7 @@ pub(crate) struct StoredMatrix {
     /// Results are the same.
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub(crate) threads: u32,
-    /// Replace files that are there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
 }
@@ -584,7 +583,7 @@ pub(crate) fn tolerance(text: &str) -> Result<Tolerance, String> {
 }
 
 /// `800M`, `4G`, `1.5 GiB` or a number of bytes: 1 MB at least.
-fn bytes(text: &str) -> Result<u64, String> {
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let needed = || "a size such as `800M` or `4G` is needed".to_owned();
     let size = size(text).filter(|size| (1e6..1e18).contains(size));
     size.map(whole::to_u64).ok_or_else(needed)

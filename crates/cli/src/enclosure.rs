@@ -233,13 +233,15 @@ fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
     let one = names.len() == 1;
     let them = if one { "it" } else { "them" };
     match winding.turn {
-        Turn::All => "the model is wound outwards throughout: its patches face away from the space that it encloses, \
-                      which is right for a solid alone that is seen from outside; for the space within, `--flip all` \
-                      turns it round"
-            .to_owned(),
-        Turn::Everything => "everything faces the wrong way: the ground faces down, and what stands on it inwards; \
-                             `--flip all` turns it round"
-            .to_owned(),
+        Turn::All => format!(
+            "the model is wound outwards throughout: its patches face away from the space that it encloses, which is \
+             right for a solid alone that is seen from outside; for the space within, {}",
+            turned_all(prepared)
+        ),
+        Turn::Everything => format!(
+            "everything faces the wrong way: the ground faces down, and what stands on it inwards; {}",
+            turned_all(prepared)
+        ),
         _ if !winding.parts.is_empty() => of_parts(prepared, winding, &listed, &lost),
         Turn::InsideOut => format!(
             "{} {} inwards ({listed}): {} only {} own {}, and others see {}, {lost} of all views; {} \
@@ -266,6 +268,15 @@ fn of_winding(prepared: &Prepared, winding: &Winding) -> String {
             if one { "its back" } else { "their backs" },
             options(prepared, &names),
         ),
+    }
+}
+
+/// What turns the whole model round.
+fn turned_all(prepared: &Prepared) -> &'static str {
+    if prepared.scene.settings.flip.iter().any(|glob| glob == "all") {
+        "leave `--flip all` out"
+    } else {
+        "`--flip all` turns it round"
     }
 }
 

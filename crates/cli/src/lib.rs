@@ -110,6 +110,8 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
     match &mut cli.command {
         Command::Compute(compute) => compute.settle(),
         Command::Inspect(inspect) => inspect.render.settle(),
+        Command::Sky(sky) => sky.patches.settle_memory()?,
+        Command::Points(points) => points.patches.settle_memory()?,
         _ => {}
     }
     log::start(talk);

@@ -131,6 +131,19 @@ impl SceneSettings {
         }
     }
 
+    /// Takes the memory limit of the environment where the command line has none: a command without settings in files.
+    ///
+    /// # Errors
+    /// When the variable is no size.
+    pub(crate) fn settle_memory(&mut self) -> Result<()> {
+        let Some(text) = std::env::var_os("HEMICUBE_MEMORY").filter(|_| self.memory.is_none()) else {
+            return Ok(());
+        };
+        let size = crate::args::bytes(&text.to_string_lossy()).map_err(|reason| anyhow!("`HEMICUBE_MEMORY`: {reason}"));
+        self.memory = Some(size?);
+        Ok(())
+    }
+
     /// The memory that the scene and what comes of it may take.
     pub(crate) fn budget(&self) -> Budget {
         Budget::new(self.memory)

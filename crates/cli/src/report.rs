@@ -483,6 +483,24 @@ pub(crate) fn tell_of_places(path: &Path, points: usize, places: impl Iterator<I
     }
 }
 
+/// Formats five significant figures, without an exponent if readable.
+pub(crate) fn five(value: f64) -> String {
+    let magnitude = value.abs();
+    if magnitude == 0.0 || !magnitude.is_finite() {
+        return if value == 0.0 {
+            "0".to_owned()
+        } else {
+            value.to_string()
+        };
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "within ±308")]
+    let exponent = magnitude.log10().floor() as i32;
+    match 4 - exponent {
+        decimals @ 0..=8 => format!("{value:.*}", usize::try_from(decimals).unwrap_or(0)),
+        _ => format!("{value:.4e}"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

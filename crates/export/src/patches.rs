@@ -212,7 +212,11 @@ impl PatchResults {
         ]);
         // Without a tolerance nothing estimates it.
         if rows.error.iter().any(|error| !error.is_nan()) {
-            columns.push(Column::real("error", rows.error));
+            columns.extend([
+                Column::real("error", rows.error),
+                Column::real("sum_error", rows.sum_error),
+                Column::real("escaped_error", rows.escaped_error),
+            ]);
         }
         for name in solutions {
             let prefix = if solutions.len() > 1 {

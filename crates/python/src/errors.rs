@@ -112,10 +112,9 @@ pub(crate) fn uncut(error: &InputError) -> PyErr {
 /// More patches than there is memory for, with the keyword that fits.
 pub(crate) fn no_room(error: &TooManyPatches) -> PyErr {
     let step = match error.finest {
-        Some(Subdivision::Levels(levels)) => format!("`subdivide={levels}` is the finest that surely fits"),
         Some(Subdivision::Split(pieces)) => format!("`split={pieces}` is the finest that surely fits"),
         Some(Subdivision::PatchSize(length)) => format!("`patch_size={length}` is the finest that surely fits"),
-        Some(Subdivision::None) | None => "cut the scene into several".to_owned(),
+        Some(Subdivision::None | Subdivision::Levels(_)) | None => "cut the scene into several".to_owned(),
     };
     input(format!("{error}; {step}"))
 }

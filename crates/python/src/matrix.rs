@@ -827,6 +827,18 @@ impl Matrix {
         self.column(py, |table| table.error)
     }
 
+    /// The standard error of each row's sum of form factors; NaN without a tolerance.
+    #[getter]
+    fn sum_errors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.sum_error)
+    }
+
+    /// The standard error of the share of each row that escapes; NaN without a tolerance.
+    #[getter]
+    fn escaped_errors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |table| table.escaped_error)
+    }
+
     /// The expected relative Frobenius error of the matrix; None without a tolerance. Reads all of a store.
     fn expected_error(&self, py: Python<'_>) -> PyResult<Option<f64>> {
         match &self.source {

@@ -30,7 +30,6 @@ struct Keywords<'a> {
     up: Option<&'a str>,
     flip: Option<Vec<String>>,
     exclude: Option<Vec<String>>,
-    subdivide: Option<u32>,
     split: Option<u32>,
     patch_size: Option<f64>,
     keep_duplicates: bool,
@@ -38,25 +37,21 @@ struct Keywords<'a> {
 
 impl Keywords<'_> {
     fn settings(self) -> PyResult<SceneSettings> {
-        let subdivision = match (self.subdivide, self.split, self.patch_size) {
-            (None, None, None) => Subdivision::None,
-            (Some(levels), None, None) if levels < 32 => Subdivision::Levels(levels),
-            (None, Some(pieces), None) if (1..=65536).contains(&pieces) => Subdivision::Split(pieces),
-            (None, None, Some(length)) if length > 0.0 && length.is_finite() => Subdivision::PatchSize(length),
-            (Some(levels), None, None) => {
-                return Err(errors::input(format!("`subdivide` is {levels}; 0 to 31 is needed")));
-            }
-            (None, Some(pieces), None) => {
+        let subdivision = match (self.split, self.patch_size) {
+            (None, None) => Subdivision::None,
+            (Some(pieces), None) if (1..=65536).contains(&pieces) => Subdivision::Split(pieces),
+            (None, Some(length)) if length > 0.0 && length.is_finite() => Subdivision::PatchSize(length),
+            (Some(pieces), None) => {
                 return Err(errors::input(format!("`split` is {pieces}; 1 to 65536 is needed")));
             }
-            (None, None, Some(length)) => {
+            (None, Some(length)) => {
                 return Err(errors::input(format!(
                     "`patch_size` is {length}; a length above 0 is needed"
                 )));
             }
             _ => {
                 return Err(errors::input(
-                    "`subdivide`, `split` and `patch_size` are three ways to cut triangles; give one of them",
+                    "`split` and `patch_size` are two ways to cut triangles; give one of them",
                 ));
             }
         };
@@ -92,8 +87,7 @@ pub(crate) fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
 /// those of a mask, becomes two patches, its front and its back. `flip` lists objects (names, with `*` and `?`, or
 /// 'all') whose one-sided triangles are turned round, `exclude` objects and materials that are left out. `up` ('x', 'y' or 'z') says where the sky is.
 ///
-/// Triangles are cut by at most one of: `subdivide` (halve all edges so many times), `split` (each edge in so many
-/// pieces), `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or
+/// Triangles are cut by `split` (each edge in so many pieces) or by `patch_size` (until no edge is longer). Triangles without area, with coordinates that are not finite, or
 /// that lie exactly on others (unless `keep_duplicates`) are dropped with a warning; the property `face` says which
 /// triangle each patch is of, or which face, where `face` gives the triangles of a polygon one number.
 #[pyclass(frozen, module = "hemicube")]
@@ -209,7 +203,7 @@ impl Scene {
     #[new]
     #[pyo3(signature = (
         vertices, triangles, *, object=None, material=None, face=None, objects=None, materials=None, two_sided=None,
-        flip=None, exclude=None, up=None, subdivide=None, split=None, patch_size=None, keep_duplicates=false
+        flip=None, exclude=None, up=None, split=None, patch_size=None, keep_duplicates=false
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
@@ -225,7 +219,6 @@ impl Scene {
         flip: Option<Vec<String>>,
         exclude: Option<Vec<String>>,
         up: Option<&str>,
-        subdivide: Option<u32>,
         split: Option<u32>,
         patch_size: Option<f64>,
         keep_duplicates: bool,
@@ -234,7 +227,6 @@ impl Scene {
             up,
             flip,
             exclude,
-            subdivide,
             split,
             patch_size,
             keep_duplicates,
@@ -309,7 +301,7 @@ impl Scene {
     /// become far more triangles than their size explains. The rest is as for arrays.
     #[classmethod]
     #[pyo3(signature = (
-        path, *, scale=1.0, two_sided=None, flip=None, exclude=None, up=None, subdivide=None, split=None,
+        path, *, scale=1.0, two_sided=None, flip=None, exclude=None, up=None, split=None,
         patch_size=None, keep_duplicates=false, allow_large=false
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
@@ -322,7 +314,6 @@ impl Scene {
         flip: Option<Vec<String>>,
         exclude: Option<Vec<String>>,
         up: Option<&str>,
-        subdivide: Option<u32>,
         split: Option<u32>,
         patch_size: Option<f64>,
         keep_duplicates: bool,
@@ -332,7 +323,6 @@ impl Scene {
             up,
             flip,
             exclude,
-            subdivide,
             split,
             patch_size,
             keep_duplicates,
@@ -476,11 +466,11 @@ impl Scene {
             ]
         };
         let ids: Vec<i64> = triangles.iter().flat_map(of).map(i64::from).collect();
-        let (subdivide, split, patch_size) = match settings.subdivision {
-            Subdivision::None => (None, None, None),
-            Subdivision::Levels(levels) => (Some(levels), None, None),
-            Subdivision::Split(pieces) => (None, Some(pieces), None),
-            Subdivision::PatchSize(length) => (None, None, Some(length)),
+        let (split, patch_size) = match settings.subdivision {
+            Subdivision::None => (None, None),
+            Subdivision::Levels(levels) => (Some(1 << levels.min(31)), None),
+            Subdivision::Split(pieces) => (Some(pieces), None),
+            Subdivision::PatchSize(length) => (None, Some(length)),
         };
         let state = PyDict::new(py);
         state.set_item(
@@ -514,7 +504,6 @@ impl Scene {
         state.set_item("asked_up", settings.up.map(axis_name))?;
         state.set_item("up", input.up_name())?;
         state.set_item("keep_duplicates", settings.keep_duplicates)?;
-        state.set_item("subdivide", subdivide)?;
         state.set_item("split", split)?;
         state.set_item("patch_size", patch_size)?;
         Ok((maker(py, "_scene_of")?, (state,).into_pyobject(py)?))
@@ -578,7 +567,6 @@ pub(crate) struct State<'py> {
     asked_up: Option<String>,
     up: Option<String>,
     keep_duplicates: bool,
-    subdivide: Option<u32>,
     split: Option<u32>,
     patch_size: Option<f64>,
 }
@@ -592,7 +580,6 @@ pub(crate) fn scene_of(py: Python<'_>, state: State<'_>) -> PyResult<Scene> {
         up: state.asked_up.as_deref(),
         flip: Some(state.flip),
         exclude: Some(state.exclude),
-        subdivide: state.subdivide,
         split: state.split,
         patch_size: state.patch_size,
         keep_duplicates: state.keep_duplicates,

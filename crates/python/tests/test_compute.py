@@ -52,7 +52,7 @@ def files(directory: pathlib.Path) -> dict[str, bytes]:
 @pytest.mark.parametrize(
     ("scene", "keywords", "flags"),
     [
-        ({"subdivide": 2}, {}, ["--subdivide", 2]),
+        ({"split": 4}, {}, ["--split", 4]),
         (
             {"patch_size": 150.0, "up": "y", "scale": 2.0, "two_sided": True},
             {"correction": "pixel", "resolution": 64, "samples": 4, "rotation": False, "min_factor": 1e-4},

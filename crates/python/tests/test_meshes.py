@@ -48,7 +48,7 @@ def test_meshio_brings_the_room_of_the_programs_reader(name: str) -> None:
     if name.endswith((".msh", ".inp")):
         assert [brought.objects[at] for at in brought.object] == [room.objects[at] for at in room.object]
     # Cells of the mesh have the mean of their patches.
-    cut = hemicube.from_meshio(read, up="z", subdivide=2)
+    cut = hemicube.from_meshio(read, up="z", split=4)
     values = np.stack([cut.centroids[:, 0], np.ones(len(cut))], axis=1)
     data = hemicube.cell_data(cut, values, read)
     assert [array.shape for array in data] == [(len(block.data), 2) for block in read.cells]

@@ -86,7 +86,7 @@ def test_a_pickle_is_read_like_a_file_of_a_stranger() -> None:
     "keywords",
     [
         {},
-        {"subdivide": 1, "up": "y", "scale": 0.3},
+        {"split": 2, "up": "y", "scale": 0.3},
         {"patch_size": 150.0, "two_sided": True, "keep_duplicates": True},
         {"split": 3, "flip": ["*block*"]},
     ],
@@ -123,7 +123,7 @@ def test_every_format_is_the_programs_to_the_byte(
     cornell_box: pathlib.Path, program: Callable[..., None], tmp_path: pathlib.Path
 ) -> None:
     """A matrix in memory and one in a store are exported alike, and like the program's."""
-    scene = hemicube.Scene.load(cornell_box, subdivide=1)
+    scene = hemicube.Scene.load(cornell_box, split=2)
     stored, memory = hemicube.compute(scene, output=tmp_path / "box"), hemicube.compute(scene)
     for ending in ("npz", "mtx", "txt", "dat", "npy", "parquet"):
         program("export", tmp_path / "box", tmp_path / f"theirs.{ending}", "--quiet")
@@ -184,7 +184,7 @@ def test_exports_are_refused_by_name(
 
 
 def test_zones_are_the_programs(cornell_box: pathlib.Path, program: Callable[..., None], tmp_path: pathlib.Path) -> None:
-    scene = hemicube.Scene.load(cornell_box, subdivide=1)
+    scene = hemicube.Scene.load(cornell_box, split=2)
     stored, memory = hemicube.compute(scene, output=tmp_path / "box"), hemicube.compute(scene)
     program("export", tmp_path / "box", tmp_path / "zones.csv", "--by", "object", "--quiet")
     with (tmp_path / "zones.csv").open(newline="") as file:
@@ -207,7 +207,7 @@ def test_zones_are_the_programs(cornell_box: pathlib.Path, program: Callable[...
 
 
 def test_heat_is_the_programs(cornell_box: pathlib.Path, program: Callable[..., None], tmp_path: pathlib.Path) -> None:
-    scene = hemicube.Scene.load(cornell_box, subdivide=1)
+    scene = hemicube.Scene.load(cornell_box, split=2)
     matrix = hemicube.compute(scene, output=tmp_path / "box")
     names = [scene.materials[place] for place in scene.material]
     first, second, *_ = dict.fromkeys(names)

@@ -47,7 +47,7 @@ def test_patches_know_where_they_are_from() -> None:
 
 
 def test_a_file_and_its_arrays_are_the_same_scene(cornell_box: pathlib.Path) -> None:
-    read = hemicube.Scene.load(cornell_box, subdivide=1)
+    read = hemicube.Scene.load(cornell_box, split=2)
     whole = hemicube.Scene.load(cornell_box)
     made = hemicube.Scene(
         whole.corners.reshape(-1, 3),
@@ -56,11 +56,11 @@ def test_a_file_and_its_arrays_are_the_same_scene(cornell_box: pathlib.Path) -> 
         material=whole.material,
         objects=whole.objects,
         materials=whole.materials,
-        subdivide=1,
+        split=2,
     )
     assert np.array_equal(read.corners, made.corners)
     assert np.array_equal(read.object, made.object) and read.objects == made.objects
-    halved = hemicube.Scene.load(str(cornell_box), scale=0.5, subdivide=1, up="y", two_sided=True)
+    halved = hemicube.Scene.load(str(cornell_box), scale=0.5, split=2, up="y", two_sided=True)
     assert len(halved) == 2 * len(read) and halved.up == "y"
     assert np.array_equal(halved.corners[::2], 0.5 * read.corners)
 
@@ -84,7 +84,7 @@ def test_a_file_and_its_arrays_are_the_same_scene(cornell_box: pathlib.Path) -> 
         ({"up": "w"}, "`up` is `w`; x, y or z is needed"),
         ({"split": 0}, "`split` is 0"),
         ({"patch_size": -1.0}, "`patch_size` is -1"),
-        ({"split": 2, "subdivide": 1}, "three ways to cut"),
+        ({"split": 2, "patch_size": 1.0}, "two ways to cut"),
     ],
 )
 def test_what_is_no_scene_is_refused_by_name(arguments: dict[str, object], message: str) -> None:
@@ -94,7 +94,7 @@ def test_what_is_no_scene_is_refused_by_name(arguments: dict[str, object], messa
     assert isinstance(caught.value, hemicube.InputError)
 
 
-@pytest.mark.parametrize("cut", [{"subdivide": 15}, {"split": 20_000}, {"patch_size": 1e-4}])
+@pytest.mark.parametrize("cut", [{"split": 20_000}, {"patch_size": 1e-4}])
 def test_more_patches_than_there_is_memory_for_are_refused_at_once(cut: dict[str, object]) -> None:
     with pytest.raises(hemicube.InputError, match=f"patches .* of memory.*`{next(iter(cut))}=.* surely fits"):
         hemicube.Scene(VERTICES, TRIANGLES[:1], **cut)  # type: ignore[arg-type]

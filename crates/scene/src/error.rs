@@ -20,7 +20,7 @@ pub struct Error {
 #[non_exhaustive]
 pub enum ErrorKind {
     /// The file could not be opened or read.
-    #[error("cannot be read: {0}")]
+    #[error("{}", unreadable(.0))]
     Io(std::io::Error),
     /// The bytes break the format; the message names the thing and the reason.
     #[error("{0}")]
@@ -40,6 +40,14 @@ pub enum ErrorKind {
     /// More memory than is left.
     #[error("{0}")]
     NoRoom(NoRoom),
+}
+
+/// Why a file could not be read, as the end of a sentence.
+fn unreadable(error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => "does not exist".to_owned(),
+        _ => format!("cannot be read: {error}"),
+    }
 }
 
 impl Error {

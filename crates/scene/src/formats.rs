@@ -252,6 +252,10 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<Scene, Error> {
     if path.is_dir() {
         return crate::folder::load(path, options);
     }
+    if !path.exists() {
+        let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
+        return Err(Error::new(ErrorKind::Io(missing)).in_file(path));
+    }
     let format = Format::from_path(path).ok_or_else(|| {
         Error::unsupported(format!(
             "the extension names no scene format; {} are read",

@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     /// Sweeps of the scaling before it gives up, with exit 1 [default: 1000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), hide_short_help = true)]
     pub(crate) max_iterations: Option<u32>,
-    /// Replace a matrix that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
     #[command(flatten)]

@@ -143,9 +143,7 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
     if found.form == Form::Double {
         list.add("form", "double: form factors in f64");
     }
-    if let (Some(asked), Some(expected)) = (found.tolerance, found.expected_error)
-        && (expected > asked || asked < FINE)
-    {
+    if let (Some(asked), Some(expected)) = (found.tolerance, found.expected_error) {
         list.add("error", error_against(expected, asked));
     }
     if manifest.min_factor > 0.0 {
@@ -224,9 +222,6 @@ pub(super) fn facts(found: &CheckReport, store: &Store, is_named: bool) -> Listi
     }
     list
 }
-
-/// Tolerance below which the expected error is always said.
-const FINE: f64 = 1e-5;
 
 /// An expected error against the tolerance asked for.
 pub(super) fn error_against(expected: f64, asked: f64) -> String {
@@ -464,21 +459,19 @@ fn closure(found: &CheckReport) -> Group {
 /// The standard errors that rows state, where a tolerance was asked for.
 fn row_errors(found: &CheckReport) -> Option<Group> {
     let errors = found.row_errors?;
+    let tolerance = asked_for(found.tolerance.unwrap_or_default());
     let rows = match errors.uncertain_rows {
-        0 => "no row may be off by more than the run's tolerance".to_owned(),
+        0 => format!("three of them are at most {tolerance}"),
         rows => format!(
-            "{} may be off by more than the run's tolerance, most the one of patch {}",
+            "three of them are more than {tolerance} in {}, most for patch {}",
             counted(rows, "row"),
             errors.worst_patch
         ),
     };
     let what = format!(
-        "standard error of a row's sum of F at most {} in 95 % of the rows, {} in all; of what escapes {} and {}; {rows} \
-         (three standard errors)",
+        "standard error of a row's sum {} in 95 % of the rows, of its escaped share {}; {rows}",
         figures(errors.sum_95),
-        figures(errors.sum_max),
         figures(errors.escaped_95),
-        figures(errors.escaped_max),
     );
     Some(Group {
         name: "row errors",

@@ -42,7 +42,7 @@ pub(crate) struct Arguments {
     /// .svg or .png
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     #[command(flatten)]

@@ -86,6 +86,9 @@ struct Report {
     /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected_error: Option<f64>,
+    /// Root mean square of the standard errors of the rows' sums.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    row_sum_error: Option<f64>,
     /// Rows of which three standard errors of Σ F, or of the share that escapes, are more than the tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     uncertain_rows: Option<u64>,
@@ -207,6 +210,8 @@ struct Tally {
     closure: f64,
     mostly_blocked: u64,
     uncertain: u64,
+    /// Σ of the squared standard errors of sums, and their number.
+    sum_errors: (f64, u64),
     tolerance: f64,
     effort: Effort,
     escaped: f64,
@@ -221,6 +226,7 @@ impl Tally {
     fn new(tolerance: f64) -> Self {
         Self {
             uncertain: 0,
+            sum_errors: (0.0, 0),
             tolerance,
             parts: 0,
             rows: 0,
@@ -269,8 +275,11 @@ impl Tally {
             let passed = passage.map_or(0.0, |passage| passage.passed);
             self.closure = self.closure.max((sum - passed + lost.iter().sum::<f64>() - 1.0).abs());
             self.mostly_blocked += u64::from(lost[1] > 0.5);
-            let errors = part.errors.get(row);
-            self.uncertain += u64::from(errors.is_some_and(|errors| errors.exceed(self.tolerance)));
+            if let Some(errors) = part.errors.get(row).filter(|errors| !errors.sum.is_nan()) {
+                self.uncertain += u64::from(errors.exceed(self.tolerance));
+                self.sum_errors.0 += f64::from(errors.sum).powi(2);
+                self.sum_errors.1 += 1;
+            }
             self.escaped += lost[0];
             self.blocked += lost[1];
             self.unselected += lost[2];
@@ -279,8 +288,19 @@ impl Tally {
 
     /// Expected relative Frobenius error of the rows, at accuracy levels that estimate it.
     fn expected_error(&self) -> Option<f64> {
-        let relative = (self.squared_error / self.squared_norm).sqrt();
-        (self.squared_error > 0.0 && relative.is_finite()).then_some(relative)
+        // Rows without an entry are as they are.
+        let relative = if self.squared_error > 0.0 {
+            (self.squared_error / self.squared_norm).sqrt()
+        } else {
+            0.0
+        };
+        (self.tolerance.is_finite() && self.rows > 0 && relative.is_finite()).then_some(relative)
+    }
+
+    /// Root mean square of the standard errors of the rows' sums, where rows state them.
+    fn row_sum_error(&self) -> Option<f64> {
+        let (squares, rows) = self.sum_errors;
+        (rows > 0).then(|| (squares / rows as f64).sqrt())
     }
 
     fn mean(&self, sum: f64) -> f64 {
@@ -1127,6 +1147,7 @@ fn report_of(
             .all(|surface| surface.back.is_some()),
         closure: tally.closure,
         expected_error: tally.expected_error(),
+        row_sum_error: tally.row_sum_error(),
         uncertain_rows: tally.expected_error().map(|_| tally.uncertain),
         tolerance: finished.plan.correction.tolerance(),
         thinning: manifest.thinning,
@@ -1207,10 +1228,9 @@ fn summary(report: &Report, finished: &Finished) -> String {
             Some(asked) => format!(" (asked: {})", level::asked(asked)),
             None => String::new(),
         };
-        let sums = match report.uncertain_rows.unwrap_or(0) {
-            0 => String::new(),
-            rows => format!("; the sums of {} may be off by more", counted(rows, "row")),
-        };
+        let sums = report.row_sum_error.map_or_else(String::new, |error| {
+            format!(", {} of a row's sum", small_percent(error))
+        });
         let measure = if report.verification.is_none() {
             "; `--verify 32` measures it"
         } else {
@@ -1447,7 +1467,10 @@ fn next_step(report: &Report, summary: &Summary, directory: &Path) -> String {
         .map_or_else(|| "matrix".to_owned(), |name| name.to_string_lossy().into_owned());
     let export = word(format!("{name}.npz").as_ref());
     format!(
-        "Next:\n  hemicube check {shown}                # does it hold?\n  hemicube export {shown} -o {export}  # for \
-         SciPy\n  hemicube report {shown}               # a page with the model in 3-D\n"
+        "Next:\n  hemicube check {shown}{0:after$}# does it hold?\n  hemicube export {shown} -o {export}  # for \
+         SciPy\n  hemicube report {shown}{0:page$}# a page with the model in 3-D\n",
+        "",
+        after = 7 + export.chars().count(),
+        page = 6 + export.chars().count(),
     )
 }

@@ -9,7 +9,7 @@ use crate::help::examples;
 use crate::materials;
 use crate::outputs::Paths;
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, table};
+use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, five, percent, table};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use files::{Format, Found};
@@ -251,7 +251,11 @@ fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64
     }
     for (band, name) in found.bands.iter().enumerate() {
         list.add(
-            &format!("conservation of {name}"),
+            &if found.bands.len() > 1 {
+                format!("check of {name}")
+            } else {
+                "check".to_owned()
+            },
             format!(
                 "each row of Gebhart factors adds up to 1 within {}; A[i] script-F[i, j] and A[j] script-F[j, i] \
                  differ by {}",
@@ -329,11 +333,14 @@ fn pairs(found: &Found<'_>) -> String {
                 .map_or("(surroundings)", String::as_str)
                 .to_owned(),
             format!("{:.6}", exchange.gebhart(0, from, to)),
-            format!("{area:.5e}"),
+            five(area),
             format!("{:.5e}", exchange.conductance(network, 0, from, to)),
         ]
     });
-    let mut text = table(["from", "to", "Gebhart factor", "exchange area", "σ A F, W/K⁴"], rows);
+    let mut text = table(
+        ["from", "to", "Gebhart factor", "exchange area, unit²", "σ A F, W/K⁴"],
+        rows,
+    );
     let bands = found.bands.len();
     if bands > 1 {
         text.push_str(&format!("of band {}; -o FILE.csv has all {bands}\n", found.bands[0]));

@@ -81,7 +81,7 @@ pub(crate) struct Arguments {
     /// them. OUT with `.columns.csv` in place of its ending says what each is
     #[arg(long, conflicts_with = "by")]
     pub(crate) with_sky: bool,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// Accept a matrix of which parts are missing; their rows become empty

@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     /// Which of the scenes of this kind; there is one room alone [default: 1]
     #[arg(long, value_name = "S")]
     pub(crate) seed: Option<u64>,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
 }

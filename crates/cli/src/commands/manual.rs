@@ -203,7 +203,7 @@ fn section(command: &Command, common: &[&str]) -> String {
     );
     let shown = command
         .get_arguments()
-        .filter(|argument| !argument.is_hide_set() && !argument.is_global_set());
+        .filter(|argument| !argument.is_hide_set() && !argument.is_global_set() && argument.get_id() != "help");
     let (named, told): (Vec<&Arg>, Vec<&Arg>) =
         shown.partition(|argument| common.contains(&table_line(argument).as_str()));
     text += &tables(told.into_iter());
@@ -228,7 +228,10 @@ fn markdown(definition: Command) -> String {
     let of = |command: &Command| -> Vec<Arg> {
         let arguments = command.get_arguments();
         let named = arguments.filter(|argument| !argument.is_hide_set() && !argument.is_positional());
-        named.filter(|argument| !argument.is_global_set()).cloned().collect()
+        named
+            .filter(|argument| !argument.is_global_set() && argument.get_id() != "help")
+            .cloned()
+            .collect()
     };
     let mut common: Vec<(Arg, String, usize)> = Vec::new();
     for argument in commands.iter().skip(1).flat_map(|command| of(command)) {

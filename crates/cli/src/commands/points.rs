@@ -138,7 +138,7 @@ pub(crate) struct Arguments {
     /// Write the rows to FILE: .csv, .json, .npz, or as a picture of a grid .png, .svg (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
-    /// Replace files that are there
+    /// Replace what is there
     #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     /// Columns of .csv and .json

@@ -71,7 +71,7 @@ pub(crate) struct Arguments {
     /// The page: .html [default: DIR's name with .html]
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// How many of the largest entries of each row the page has; 0: no rows [default: all where they take 32 MB at

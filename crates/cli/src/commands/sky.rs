@@ -47,6 +47,8 @@ const BOUND: f64 = 1e-4;
 /// Rows that lose more than this to the sky by the matrix, and met none of it, are rendered again.
 const LOST_LEAST: f64 = 1e-3;
 
+/// Suns in the summary.
+const SUNS_SHOWN: usize = 8;
 /// Files in the output directory.
 pub(crate) const FILES: [&str; 4] = ["sky.npz", "sky.json", "points-sky.npz", "sunlight.npy"];
 
@@ -439,12 +441,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         return Ok(Exit::Interrupted);
     };
     let record = task.record(axis_name(up), &of_patches, &of_points, misplaced.clone());
+    let lit = task.lit()?;
     if let Some(output) = &output {
-        task.keep(output, &of_patches, &of_points, &record)?;
+        task.keep(output, &of_patches, &of_points, lit.as_deref(), &record)?;
     }
     for path in arguments.tables() {
         match arguments.by {
-            Some(by) => task.write_suns(path, by)?,
+            Some(by) => task.write_suns(path, by, lit.as_deref().unwrap_or_default())?,
             None => task.write_table(path, &of_patches, cancel)?,
         }
     }
@@ -452,7 +455,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let seconds = started.elapsed().as_secs_f64();
     let written: Vec<&Path> = output.iter().chain(arguments.tables()).map(PathBuf::as_path).collect();
     if !arguments.report.json {
-        report::print(&summary(&record, &of_points, &misplaced))?;
+        let suns = task.sunlit_text(lit.as_deref().unwrap_or_default());
+        report::print(&(summary(&record, &of_points, &misplaced) + &suns))?;
+    }
+    if written.is_empty() {
+        talk.say("values by patch: `-o sky.csv` writes a line each");
     }
     talk.detail(work(&record, seconds).trim_end());
     for path in written {
@@ -782,10 +789,9 @@ impl Task<'_> {
     }
 
     /// Writes a line a sun and surface: its area, what of it faces the sun as seen from there, and what is lit.
-    fn write_suns(&self, path: &Path, by: By) -> Result<()> {
+    fn write_suns(&self, path: &Path, by: By, lit: &[f32]) -> Result<()> {
         let patches = &self.prepared.patches;
         let (names, of_patch) = surfaces_of(self.prepared, by);
-        let lit = self.lit()?.unwrap_or_default();
         let suns = self.suns.len();
         // Of each surface and sun: projected and sunlit, both as seen from the sun, and sunlit on the surface.
         let mut areas = vec![0.0; names.len()];
@@ -824,9 +830,38 @@ impl Task<'_> {
         file.commit()
     }
 
+    /// The part of the area that each sun reaches, for the first of them.
+    fn sunlit_text(&self, lit: &[f32]) -> String {
+        let patches = &self.prepared.patches;
+        let suns = self.suns.len();
+        let mut list = Listing::default();
+        for sun in 0..suns.min(SUNS_SHOWN) {
+            let (mut reached, mut whole) = (0.0, 0.0);
+            for (at, patch) in patches.iter().enumerate() {
+                let area = patches.area(patch);
+                reached += area * f64::from(lit[at * suns + sun]);
+                whole += area;
+            }
+            list.add(
+                &format!("sun {sun}"),
+                format!("reaches {} of the area", percent(reached / whole)),
+            );
+        }
+        if suns > SUNS_SHOWN {
+            list.add("suns", format!("{} more", count((suns - SUNS_SHOWN) as u64)));
+        }
+        list.text()
+    }
+
     /// Writes the directory's files.
-    fn keep(&self, output: &Path, of_patches: &[SkyRow], of_points: &[PointRow], record: &Record) -> Result<()> {
-        let lit = self.lit()?;
+    fn keep(
+        &self,
+        output: &Path,
+        of_patches: &[SkyRow],
+        of_points: &[PointRow],
+        lit: Option<&[f32]>,
+        record: &Record,
+    ) -> Result<()> {
         if let (Some(glazed), false) = (self.glazed(), self.suns.is_empty()) {
             let patches: Vec<InputPatch> = self.prepared.patches.iter().collect();
             let (model, threads) = (&self.prepared.model, self.options.threads);
@@ -834,8 +869,8 @@ impl Task<'_> {
             write_sunlight(&output.join("sunlight.npy"), [patches.len(), self.suns.len()], &light)?;
         }
         let lit = lit.map(|lit| match &self.prepared.grouping {
-            Some(grouping) => lit_patches(&lit, self.suns.len(), grouping, &self.areas()),
-            None => lit,
+            Some(grouping) => lit_patches(lit, self.suns.len(), grouping, &self.areas()),
+            None => lit.to_vec(),
         });
         write_sky(
             &output.join("sky.npz"),

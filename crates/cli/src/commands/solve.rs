@@ -49,7 +49,7 @@ const OF_SOLVING: [&str; 18] = [
     "overwrite",
     "thermal",
     "load",
-    "temperatures",
+    "schedule",
     "emission",
     "sky_radiance",
     "sky",
@@ -83,7 +83,7 @@ pub(crate) struct Arguments {
     /// own scene, where it is found]
     #[arg(long, value_name = "SCENE", help_heading = "Materials")]
     pub(crate) scene: Option<PathBuf>,
-    /// Read a scene of which more would come than a file of its size may become (docs/security.md)
+    /// Lift the safety limits on the size of a scene (docs/security.md)
     #[arg(long, hide_short_help = true)]
     pub(crate) allow_large: bool,
     /// Properties of objects and materials by name (TOML): reflectance, emission, emissivity, temperature, flux, heat;
@@ -123,7 +123,7 @@ pub(crate) struct Arguments {
     /// Temperatures over moments, in place of those of the materials: kelvin, or `20 °C`, in a table as of `--load`; its
     /// surface `(surroundings)` is what lies outside
     #[arg(long, value_name = "FILE", requires = "thermal", help_heading = "Materials")]
-    pub(crate) temperatures: Option<PathBuf>,
+    pub(crate) schedule: Option<PathBuf>,
     /// Emission of each patch: one row a right-hand side (.npy), row r of band r modulo the number of bands
     #[arg(
         long,
@@ -195,7 +195,7 @@ impl Arguments {
             .reads(&self.materials)
             .reads(&self.emission)
             .reads(&self.load)
-            .reads(&self.temperatures)
+            .reads(&self.schedule)
             .reads(&self.sky_radiance)
             .reads(&self.sky)
             .writes("-o", &self.output, self.matrix.overwrite)

@@ -65,7 +65,7 @@ pub(crate) struct Arguments {
     /// Draw error against time into FILE: .svg or .png
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
     #[command(flatten)]
@@ -130,6 +130,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         let asked = Asked {
             tolerance: arguments.tolerance.0,
             sample_rows: arguments.rows,
+            all: talk.verbose,
         };
         print(&text(&report, recommended.as_ref(), asked, path))?;
     }
@@ -346,13 +347,13 @@ fn recommend(
     threads: usize,
 ) -> Option<Recommendation> {
     let keeps = |trial: &&Trial| trial.bound() <= arguments.tolerance.0;
-    let is_asked = |trial: &&Trial| trial.tolerance.is_some_and(|t| is_same(t, arguments.tolerance.0));
-    // The choice of `compute --tolerance` goes first if it keeps its word: a cheaper setting keeps it in these few
-    // rows, but nothing was learnt about the others.
-    let trial = trials.iter().filter(keeps).find(is_asked).or_else(|| {
-        let cost = |a: &&Trial, b: &&Trial| a.milliseconds().total_cmp(&b.milliseconds());
-        trials.iter().filter(keeps).min_by(cost)
-    })?;
+    let asked = arguments.tolerance.0;
+    let promises = |trial: &&Trial| trial.tolerance.is_some_and(|t| t < asked || is_same(t, asked));
+    let cost = |a: &&Trial, b: &&Trial| a.milliseconds().total_cmp(&b.milliseconds());
+    // Settings that promise as much go first where they keep it: a cheaper one keeps it in these few rows, but nothing
+    // was learnt about the others.
+    let trial = trials.iter().filter(keeps).filter(promises).min_by(cost);
+    let trial = trial.or_else(|| trials.iter().filter(keeps).min_by(cost))?;
     Some(Recommendation {
         name: trial.name.clone(),
         command: command(trial, arguments, path),

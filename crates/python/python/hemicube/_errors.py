@@ -23,3 +23,9 @@ class MissingFileError(FileError, FileNotFoundError):
 
 class BackendError(Error, RuntimeError):
     """A backend failed, or is not there."""
+
+
+# Tracebacks name them as users do: `hemicube.InputError`.
+for _class in (Error, InputError, StoreError, FileError, MissingFileError, BackendError):
+    _class.__module__ = "hemicube"
+del _class

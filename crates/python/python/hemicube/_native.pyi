@@ -32,7 +32,6 @@ class Scene:
         flip: Sequence[str] | None = None,
         exclude: Sequence[str] | None = None,
         up: _Axis | None = None,
-        subdivide: int | None = None,
         split: int | None = None,
         patch_size: float | None = None,
         keep_duplicates: bool = False,
@@ -47,7 +46,6 @@ class Scene:
         flip: Sequence[str] | None = None,
         exclude: Sequence[str] | None = None,
         up: _Axis | None = None,
-        subdivide: int | None = None,
         split: int | None = None,
         patch_size: float | None = None,
         keep_duplicates: bool = False,
@@ -123,6 +121,10 @@ class Matrix:
     def closure(self) -> _Floats: ...
     @property
     def errors(self) -> _Floats: ...
+    @property
+    def sum_errors(self) -> _Floats: ...
+    @property
+    def escaped_errors(self) -> _Floats: ...
     def expected_error(self) -> float | None: ...
     def to_scipy(self) -> csr_matrix: ...
     @property

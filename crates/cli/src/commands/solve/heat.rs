@@ -152,7 +152,7 @@ impl Exchange {
             }
         };
         surroundings.surround(&mut heat, ambient);
-        let (load, kelvin) = (arguments.load.as_deref(), arguments.temperatures.as_deref());
+        let (load, kelvin) = (arguments.load.as_deref(), arguments.schedule.as_deref());
         let moments = Moments::read(load, kelvin, store.manifest(), table)?;
         let of_scene = properties.emissivities_of_scene();
         let is_asked = arguments.by.is_some()

@@ -1,7 +1,8 @@
 //! Light by surface: a table on the terminal, `.csv` and `.json`.
 
-use super::surfaces::{Format, SURFACES_SHOWN, five, name_of};
+use super::surfaces::{Format, SURFACES_SHOWN, name_of};
 use crate::args::By;
+use crate::report::five;
 use crate::report::{Listing, PendingFile, count, table};
 use crate::table::field;
 use anyhow::{Context, Result};

@@ -3,7 +3,7 @@
 use super::moments::SURROUNDINGS;
 use crate::args::By;
 use crate::escape::shown;
-use crate::report::{Listing, PendingFile, count, counted, percent, table};
+use crate::report::{Listing, PendingFile, count, counted, five, percent, table};
 use crate::table::field;
 use anyhow::{Context, Result, bail};
 use hemicube::analysis::surfaces::{ERROR_TOLD, EnclosureError, HeatBalance, HeatError, MatrixTables, SurfaceHeat};
@@ -578,24 +578,6 @@ pub(super) fn name_of(name: &str) -> String {
     }
 }
 
-/// Formats five significant figures, without an exponent if readable.
-pub(super) fn five(value: f64) -> String {
-    let magnitude = value.abs();
-    if magnitude == 0.0 || !magnitude.is_finite() {
-        return if value == 0.0 {
-            "0".to_owned()
-        } else {
-            value.to_string()
-        };
-    }
-    #[allow(clippy::cast_possible_truncation, reason = "within ±308")]
-    let exponent = magnitude.log10().floor() as i32;
-    match 4 - exponent {
-        decimals @ 0..=8 => format!("{value:.*}", usize::try_from(decimals).unwrap_or(0)),
-        _ => format!("{value:.4e}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -635,7 +617,7 @@ mod tests {
         assert!(results.sum().contains("2.0000 W given off"), "{}", results.sum());
         let text = results.text(false);
         assert!(text.contains("wall, 49") && !text.contains("wall, 9 ") && text.contains("10 with less heat"));
-        let csv = results.csv();
+        let csv = results.csv(None);
         assert!(csv.contains("\n\"wall, 3\",1,1,3,3,,,,,0,0\n") && csv.ends_with("(surroundings),,,-2,,,,,,,\n"));
     }
 }

@@ -12,6 +12,8 @@ use std::path::Path;
 pub(super) struct Asked {
     pub(super) tolerance: f64,
     pub(super) sample_rows: u32,
+    /// Show settings that a cheaper one is as good as, too.
+    pub(super) all: bool,
 }
 
 /// An error in per cent; only its upper end if the reference's noise hides it.
@@ -48,7 +50,7 @@ pub(super) fn text(report: &Report, recommended: Option<&Recommendation>, asked:
         report.seed,
         percent(report.reference.noise),
     );
-    text.push_str(&trials_text(report));
+    text.push_str(&trials_text(report, asked.all));
     for skipped in &report.skipped {
         text.push_str(&format!(
             "skipped {}: some {} for these rows\n",
@@ -65,8 +67,10 @@ pub(super) fn text(report: &Report, recommended: Option<&Recommendation>, asked:
 }
 
 /// The table of trials, and the meaning of its columns.
-fn trials_text(report: &Report) -> String {
-    let lines = report.trials.iter().map(|trial| {
+fn trials_text(report: &Report, all: bool) -> String {
+    let shown = report.trials.iter().filter(|trial| all || trial.is_on_front());
+    let left_out = report.trials.len() - shown.clone().count();
+    let lines = shown.map(|trial| {
         let m = &trial.measured;
         [
             if trial.is_on_front() { "*" } else { "" }.to_owned(),
@@ -113,6 +117,13 @@ fn trials_text(report: &Report) -> String {
          percentile, median L1, mass missed, row sums; all in %. worst: the entry that differs most.\n",
         counted(report.threads as u64, "thread"),
     ));
+    if left_out > 0 {
+        text.push_str(&format!(
+            "{} with a cheaper one as good {} not shown; `-v` shows all\n",
+            counted(left_out as u64, "setting"),
+            if left_out == 1 { "is" } else { "are" }
+        ));
+    }
     text
 }
 

@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE", required_unless_present = "live")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// The patch on which the hemicube stands; with --live the first one; of several triangles (`--matrix`) the one

@@ -28,7 +28,7 @@ pub(crate) struct Arguments {
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// radiosity (or irradiance, flux, temperature of a solution), seen (patches in sight), row, sky, error (expected

@@ -19,7 +19,7 @@ pub(crate) struct Arguments {
     /// The picture: .png or .svg
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Replace a file that is there
+    /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// In which order rows and columns are: of the file, or of the work (neighbours side by side)
