@@ -170,11 +170,13 @@ impl Use<PyResult<Solved>> for Solving<'_, '_> {
     }
 }
 
-/// Temperatures outside the scene, in kelvin.
+/// What comes from outside the scene: temperatures in kelvin, and heat that patches take up.
 pub(crate) struct Surroundings {
     pub(crate) ambient: f64,
     /// The ground's, and the shares of rows that meet it.
     pub(crate) ground: Option<(f64, Vec<f64>)>,
+    /// In W/m², a number a patch.
+    pub(crate) load: Option<Vec<f64>>,
 }
 
 /// A solved exchange of heat.
@@ -230,6 +232,9 @@ pub(crate) fn solve(
                 .collect();
             heat.surround(&[(ambient, &above), (*ground, &below)]);
         }
+    }
+    if let Some(load) = &surroundings.load {
+        heat = heat.with_load(load).map_err(|error| errors::solving(&error))?;
     }
     let [objects, materials] = matrix.group_names();
     let named = Named {

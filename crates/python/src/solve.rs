@@ -426,6 +426,8 @@ fn warn_unconverged(py: Python<'_>, solved: &Solved) -> PyResult<()> {
 /// temperature is found.
 ///
 /// What leaves the scene goes to, and comes from, surroundings at `ambient`, in kelvin or as '20 °C'; 0 is cold space.
+/// `load`, with `properties`, is the heat that each patch takes up from elsewhere, as of the sun, (n,) in W/m²: a patch
+/// whose temperature is to be found radiates it.
 /// `ground`, with `properties`, is the temperature of what lies below the horizon, and `below_horizon` (n,) the share
 /// of each patch's view that ends there, such as `sky(scene).ground`. The other keywords are those of `solve`.
 ///
@@ -434,7 +436,7 @@ fn warn_unconverged(py: Python<'_>, solved: &Solved) -> PyResult<()> {
 #[pyfunction]
 #[pyo3(signature = (
     matrix, emissivity=None, temperature=None, *, properties=None, ambient=None, ground=None, below_horizon=None,
-    method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0,
+    load=None, method="gmres", restart=20, tolerance=1e-6, max_iterations=500, memory=1_000_000_000, threads=0,
     progress=None, as_stored=false
 ))]
 #[allow(clippy::too_many_arguments, reason = "keywords")]
@@ -447,6 +449,7 @@ pub(crate) fn solve_heat(
     ambient: Option<&Bound<'_, PyAny>>,
     ground: Option<&Bound<'_, PyAny>>,
     below_horizon: Option<&Bound<'_, PyAny>>,
+    load: Option<&Bound<'_, PyAny>>,
     method: &str,
     restart: u32,
     tolerance: f64,
@@ -481,12 +484,14 @@ pub(crate) fn solve_heat(
     match (properties, emissivity, temperature) {
         (Some(properties), None, None) => {
             let ground = heat::ground(matrix.get(), ground, below_horizon)?;
-            let surroundings = heat::Surroundings { ambient, ground };
+            let count = matrix.get().patch_count();
+            let load = load.map(|load| numbers::vector(load, "load", count)).transpose()?;
+            let surroundings = heat::Surroundings { ambient, ground, load };
             heat_of_properties(py, matrix.get(), properties, surroundings, manner(false)?)
         }
-        (None, ..) if ground.is_some() || below_horizon.is_some() => {
-            Err(errors::input("`ground` and `below_horizon` are for `properties`"))
-        }
+        (None, ..) if ground.is_some() || below_horizon.is_some() || load.is_some() => Err(errors::input(
+            "`ground`, `below_horizon` and `load` are for `properties`",
+        )),
         (None, Some(emissivity), Some(temperature)) => {
             let arrays = [emissivity, temperature];
             heat_of_arrays(py, matrix.get(), arrays, ambient, manner)

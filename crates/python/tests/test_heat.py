@@ -140,3 +140,18 @@ def test_exchange_is_conserved_and_the_programs(program: Callable[..., None], tm
     assert json.loads(theirs["names"].tobytes())["surfaces"] == exchange.names
     bands = {"bands": ["a", "b"], "default": {"emissivity": [0.8, 0.2]}}
     assert hemicube.exchange(hemicube.compute(scene), bands, by="patch").gebhart.shape == (2, len(scene), len(scene) + 1)
+
+
+def test_heat_that_patches_take_up_leaves_again() -> None:
+    """A black plate of two sides alone in space, one of them in the sun."""
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    scene = hemicube.Scene(square, np.array([[0, 1, 2], [0, 2, 3]]), two_sided=True)
+    matrix = hemicube.compute(scene)
+    properties = {"default": {"emissivity": 0.8, "adiabatic": True}}
+    load = np.array([400.0, 0.0, 400.0, 0.0])
+    found = hemicube.solve_heat(matrix, properties=properties, ambient=0.0, load=load)
+    assert found.flux == pytest.approx(load, abs=1e-6)
+    sigma = 5.670374419e-8
+    assert found.temperature[[0, 2]] == pytest.approx((400 / (0.8 * sigma)) ** 0.25, abs=0.01)
+    with pytest.raises(hemicube.InputError, match="load"):
+        hemicube.solve_heat(matrix, properties=properties, ambient=0.0, load=load[:2])

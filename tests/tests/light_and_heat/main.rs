@@ -15,4 +15,5 @@ mod portal_refusals;
 mod portal_uses;
 mod portals;
 mod sky_settling;
+mod suns;
 mod yardsticks;

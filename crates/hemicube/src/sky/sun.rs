@@ -2,7 +2,8 @@
 //!
 //! A patch is cut into n² equal triangles, with a point in each. First n² ≥ 1 / error: a shadow that covers one of them is
 //! found. Where the points differ, the patch is partly lit, and a shadow's edge crosses about n of its triangles; each of
-//! them errs by half of its area, independently: the mean by ½ n / n² · 1 / √n = ½ n^(−3/2), and so n = (2 error)^(−2/3).
+//! them errs by half of its area, independently. The standard error of the mean is ½ √n / n² = ½ n^(−3/2); three of them
+//! are the error for n = (⅔ error)^(−2/3).
 
 use super::Horizon;
 use crate::Model;
@@ -18,7 +19,7 @@ pub const SUN_ERROR: f64 = 0.02;
 /// Points of a patch at most, along an edge: 65,536. A choice: a smaller error costs no more.
 const MOST_ALONG: f64 = 256.0;
 
-/// The mean of a value over a patch with these corners, within about `error` of its range (one standard error).
+/// The mean of a value over a patch with these corners, within `error` of its range (three standard errors).
 pub(super) fn mean_over(corners: [DVec3; 3], error: f64, mut value: impl FnMut(DVec3) -> f64) -> f64 {
     let along = |n: f64| whole::to_u32(n.ceil().clamp(1.0, MOST_ALONG));
     let mut mean = |n: u32| {
@@ -32,11 +33,11 @@ pub(super) fn mean_over(corners: [DVec3; 3], error: f64, mut value: impl FnMut(D
     };
     let first = along(error.powf(-0.5));
     let (found, differs) = mean(first);
-    let fine = along((2.0 * error).powf(-2.0 / 3.0));
+    let fine = along((error * 2.0 / 3.0).powf(-2.0 / 3.0));
     if differs && fine > first { mean(fine).0 } else { found }
 }
 
-/// The share of each patch lit by each sun, directly, within about `error`: a row a patch, a number a sun. 0 for patches
+/// The share of each patch lit by each sun, directly, within `error` (three standard errors): a row a patch, a number a sun. 0 for patches
 /// turned away, and for suns below the horizon. Directions are towards the suns.
 ///
 /// # Errors
@@ -121,7 +122,7 @@ mod tests {
                 }
             }
             let rms = (squares / count).sqrt();
-            assert!(rms < error && worst < 3.0 * error, "{error}: {rms} {worst}");
+            assert!(rms < error / 3.0 && worst < error, "{error}: {rms} {worst}");
         }
     }
 

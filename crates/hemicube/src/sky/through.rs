@@ -133,7 +133,7 @@ impl Worker<'_> {
 }
 
 /// The irradiance of each patch from each sun of 1 on a plane across its beam, directly, through panes and off mirrors:
-/// the mean of Σ w cos θ over points of the patch, within about `error` of its range ([`ThroughPortals::sunlight`]). A row
+/// the mean of Σ w cos θ over points of the patch, within `error` of its range ([`ThroughPortals::sunlight`]). A row
 /// a patch, a number a sun. Suns below the horizon light nothing.
 pub fn sunlight(
     model: &Model,

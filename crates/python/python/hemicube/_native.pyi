@@ -409,6 +409,7 @@ def solve_heat(
     ambient: float | str | None = None,
     ground: float | str | None = None,
     below_horizon: ArrayLike | None = None,
+    load: ArrayLike | None = None,
     method: Literal["gmres", "gauss-seidel", "jacobi"] = "gmres",
     restart: int = 20,
     tolerance: float = 1e-6,
