@@ -30,7 +30,7 @@ fn of_cause(cause: &(dyn Error + 'static)) -> Option<String> {
         return error.step.as_ref().map(of_properties);
     }
     if let Some(JobError::MixedOptics { by, .. }) = cause.downcast_ref::<JobError>() {
-        return Some(format!("`--patches {by}` has no such patches"));
+        return Some(format!("`--by {by}` has no such patches"));
     }
     if let Some(error) = cause.downcast_ref::<ExportError>() {
         return match error {
@@ -76,7 +76,7 @@ pub(crate) fn of_properties(step: &PropertyStep) -> String {
             "`--materials FILE` names it: `emissivity = 0.9`; its table `[default]` is for all that have none".to_owned()
         }
         PropertyStep::Patches { kinds, table_of } => {
-            let [one, other] = kinds.map(|kind| format!("`--patches {}`", kind.name()));
+            let [one, other] = kinds.map(|kind| format!("`--by {}`", kind.name()));
             let compute = format!("compute the matrix by {one} or {other}");
             match table_of {
                 Some(name) => format!("give {name} one in a table of its object, or {compute}"),

@@ -55,8 +55,8 @@ def files(directory: pathlib.Path) -> dict[str, bytes]:
         ({"split": 4}, {}, ["--split", 4]),
         (
             {"patch_size": 150.0, "up": "y", "scale": 2.0, "two_sided": True},
-            {"correction": "pixel", "resolution": 64, "samples": 4, "rotation": False, "min_factor": 1e-4},
-            "--patch-size 150 --up y --scale 2 --two-sided on --correction pixel --resolution 64 --samples 4 --rotation off "
+            {"correction": "pixel", "resolution": 64, "samples": 4, "min_factor": 1e-4},
+            "--patch-size 150 --up y --scale 2 --two-sided on --correction pixel --resolution 64 --samples 4 "
             "--min-factor 1e-4".split(),
         ),
         (
@@ -199,7 +199,7 @@ def test_settings_are_refused_by_name(keywords: dict[str, object], kind: type[Ex
 def test_stores_that_are_something_else(tmp_path: pathlib.Path) -> None:
     scene = squares(1.0, 2)
     matrix = hemicube.compute(scene, output=tmp_path / "store")
-    with pytest.raises(hemicube.StoreError, match="tolerance=0.02`.*tolerance=0.05`.*`overwrite=True` replaces it"):
+    with pytest.raises(hemicube.StoreError, match="tolerance 0.02.*tolerance 0.05.*`overwrite=True` replaces it"):
         hemicube.compute(scene, output=tmp_path / "store", tolerance=0.05)
     other = hemicube.compute(scene, output=tmp_path / "store", tolerance=0.05, overwrite=True)
     assert (matrix.settings["tolerance"], other.settings["tolerance"]) == (0.02, 0.05)

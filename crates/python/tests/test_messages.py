@@ -29,19 +29,19 @@ def load(folder: pathlib.Path, **keywords: Any) -> hemicube.Scene:
         (
             ({}, {"correction": "pixel", "resolution": 64}),
             ({}, {"correction": "pixel", "resolution": 80}),
-            "it was computed with `resolution=64`, and here it is with `resolution=80`",
+            "it was computed with resolution 64, and here it is with resolution 80",
         ),
         (({"split": 2}, {}), ({"split": 3}, {}), None),
                 (
             ({}, {"rows": (0, 5)}),
             ({}, {"sample_rows": 3}),
-            "with `rows=(0, 5)`, and here it is with `sample_rows=3, seed=1`",
+            "with rows 0..5, and here it is with a sample of 3 rows (seed 1)",
         ),
-        (({}, {"occluders": ["low"]}), ({}, {}), "with `occluders=['low']`, and here it is without `occluders`"),
-        (({}, {"rotation": False}), ({}, {}), "with `rotation=False`, and here it is with `rotation=True`"),
-        (({}, {"correction": "pixel"}), ({}, {}), "with `correction='pixel'`, and here it is with `correction='tolerance'`"),
-        (({}, {"min_factor": 0.01}), ({}, {}), "with `min_factor=0.01`, and here it is without `min_factor`"),
-        (({}, {}), ({}, {"store": "compact"}), "form (`store`)"),
+        (({}, {"occluders": ["low"]}), ({}, {}), "with occluders low, and here it is without occluders"),
+        (({}, {"rotation": False}), ({}, {}), "with rotation off, and here it is with rotation on"),
+        (({}, {"correction": "pixel"}), ({}, {}), "with correction pixel, and here it is with correction tolerance"),
+        (({}, {"min_factor": 0.01}), ({}, {}), "with min factor 0.01, and here it is without min factor"),
+        (({}, {}), ({}, {"store": "compact"}), "its form is plain"),
     ],
 )
 def test_another_matrix_in_the_way(
@@ -85,7 +85,7 @@ def test_warnings_of_a_file(tmp_path: pathlib.Path) -> None:
         "V 9 .4 .4 .5\nV 10 .6 .4 .5\nV 11 .6 .6 .5\nV 12 .4 .6 .5\n"
         "S 1 1 2 3 4 0 0 .9 low\nS 2 8 7 6 5 0 0 .9 high\nO 3 9 10 11 12 0 0 0 between\nE\n"
     )
-    with pytest.warns(UserWarning, match=re.escape("unless `occluders=['obstruction*']` is given")):
+    with pytest.warns(UserWarning, match=re.escape("unless `obstruction*` are asked to occlude only")):
         hemicube.Scene.load(path)
 
 
@@ -109,6 +109,6 @@ def test_a_large_file_is_allowed(tmp_path: pathlib.Path) -> None:
         f"{array('connectivity', 'Int64', 1, struct.pack('<3q', 0, 1, 2))}{array('offsets', 'Int64', 1, struct.pack('<q', 3))}"
         f"{array('types', 'UInt8', 1, bytes([5]))}</Cells></Piece></UnstructuredGrid></VTKFile>"
     )
-    with pytest.raises(hemicube.InputError, match=re.escape("or allow it (`allow_large`)")):
+    with pytest.raises(hemicube.InputError, match=re.escape("`allow_large=True` lifts the limit")):
         hemicube.Scene.load(path)
     assert hemicube.Scene.load(path, allow_large=True).areas.tolist() == [0.5]

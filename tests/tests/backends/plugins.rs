@@ -333,7 +333,7 @@ fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_ba
         let part = std::fs::read(place.path().join(out).join("parts/part-00001.npz")).expect("a part");
         (text(&output.stderr), part)
     };
-    let (said, one) = compute("one", "--threads 1 --batch 1 --culling off");
+    let (said, one) = compute("one", "--threads 1 --batch 1 --culling off -v");
     assert!(
         said.contains("backend rust-minimal 1 (one processor core), 1 thread"),
         "{said}"
@@ -435,7 +435,7 @@ fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
     // Named, it is used although it runs on the processor; and what fails is not replaced.
     let said = text(
         &here(
-            "HEMICUBE_BACKEND_PATH=software compute room.obj -o d --backend vulkan --correction pixel --resolution 16",
+            "HEMICUBE_BACKEND_PATH=software compute room.obj -o d --backend vulkan --correction pixel --resolution 16 -v",
         )
         .stderr,
     );

@@ -78,7 +78,7 @@ fn follows_mirrors(name: &str) {
         place.line(&format!("{line} -o cpu")).is(0);
         place
             .line(&format!(
-                "HEMICUBE_BACKEND_PATH={folder} {line} -o device --backend {name} --threads 1 {option}"
+                "HEMICUBE_BACKEND_PATH={folder} {line} -o device --backend {name} --threads 1 -v {option}"
             ))
             .is(0)
             .says(&[said]);

@@ -183,8 +183,8 @@ fn names_that_nothing_has_and_contradictions_are_refused() {
     refused(&place, &format!("{line} --method gauss-seidel"), &["GMRES or Jacobi"]);
     refused(
         &place,
-        &format!("{line} --ground 5C"),
-        &["--ground", "hemicube sky SCENE --matrix room"],
+        &format!("{line} --ground-temperature 5C"),
+        &["--ground-temperature", "hemicube sky SCENE --matrix room"],
     );
     refused(&place, &format!("{line} --sky-temperature 20F"), &["20 °C"]);
     refused(&place, &format!("{line} --by object -o x.txt"), &[".csv or .json"]);

@@ -194,7 +194,7 @@ fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_
     let place = Place::new();
     place.write("tank.obj", tank());
     for kind in ["object", "material"] {
-        let line = format!("compute tank.obj --patches {kind} --split 4 -o {kind} --config=none -q");
+        let line = format!("compute tank.obj --by {kind} --split 4 -o {kind} --config=none -q");
         place.line(&line).is(0);
     }
     let solved = |store: &str, tables: &str, rest: &str| {

@@ -225,7 +225,7 @@ fn what_a_furnace_is_given_is_taken_up_without_balance() {
     for patches in ["triangle", "object"] {
         place
             .line(&format!(
-                "compute furnace.obj --patches {patches} --tolerance 0.5% -o {patches} -q --config=none"
+                "compute furnace.obj --by {patches} --tolerance 0.5% -o {patches} -q --config=none"
             ))
             .is(0);
         let solve = format!("solve {patches} --thermal --materials m.toml");
@@ -258,7 +258,7 @@ fn what_a_furnace_of_11000_triangles_is_given_is_taken_up_within_a_ten_thousandt
     place.write("furnace.obj", &model.text);
     place.write("m.toml", furnace_materials());
     for patches in ["triangle", "object"] {
-        let compute = format!("compute furnace.obj --patches {patches} --tolerance 0.1% -o {patches} -q --config=none");
+        let compute = format!("compute furnace.obj --by {patches} --tolerance 0.1% -o {patches} -q --config=none");
         // Longer than a run of other tests may be.
         let ended = place.command(&compute).status().expect("the program starts");
         assert!(ended.success(), "{compute}");
@@ -402,7 +402,7 @@ fn at_one_temperature_nothing_flows_closed_or_open() {
             let matrix = format!("{scene}-{patches}");
             place
                 .line(&format!(
-                    "compute {scene}.obj --patches {patches} -o {matrix} -q --config=none"
+                    "compute {scene}.obj --by {patches} -o {matrix} -q --config=none"
                 ))
                 .is(0);
             for method in ["gmres", "jacobi", "gauss-seidel"] {

@@ -620,7 +620,7 @@ fn a_grid_on_surfaces_stands_off_them_along_their_normals() {
     let place = Place::new();
     place.write("room.obj", room([5.0, 4.0, 3.0], &[]));
     for (name, fixed, at) in [("floor", 2, 0.0), ("east", 0, 5.0), ("ceiling", 2, 3.0)] {
-        let rows = rows(&place, &format!("room.obj --up z --grid 0.5 --on {name} --offset 0.01"));
+        let rows = rows(&place, &format!("room.obj --up z --grid 0.5 --on {name}"));
         let cells = if fixed == 2 { 80 } else { 48 };
         assert_eq!(rows.len(), cells, "{name}");
         for row in &rows {
@@ -699,9 +699,7 @@ fn a_mean_radiant_temperature_of_a_table_is_the_mean_of_fourth_powers() {
         "[default]\nemissivity = 1.0\ntemperature = 290\n[object.floor]\ntemperature = \"30 °C\"\n",
     );
     for kind in ["triangle", "object"] {
-        place
-            .line(&format!("compute room.obj -o {kind} --patches {kind} -q"))
-            .is(0);
+        place.line(&format!("compute room.obj -o {kind} --by {kind} -q")).is(0);
         place
             .line(&format!("solve {kind} --thermal --materials black.toml -q"))
             .is(0);

@@ -261,7 +261,7 @@ fn an_existing_matrix_is_not_replaced_unasked() {
         .line("compute room.obj -o m --correction pixel --resolution 16")
         .fails_with(&[
             "`m` holds another matrix",
-            "it was computed with `--resolution 32`, and here it is with `--resolution 16`",
+            "it was computed with resolution 32, and here it is with resolution 16",
             "--overwrite",
         ]);
     assert_eq!(files(&place.path("m")), before);
@@ -298,7 +298,11 @@ fn help_fits_a_screen_and_names_everything() {
         );
         let long = place.line(&format!("{command} --help")).is(0);
         for word in ["Environment:", "Exit status:", "HEMICUBE_", "130"] {
-            assert!(long.out.contains(word), "`{word}` is not in `{command} --help`");
+            // The program's own is a list of commands.
+            assert!(
+                command.is_empty() || long.out.contains(word),
+                "`{word}` is not in `{command} --help`"
+            );
         }
         assert!(
             command == "backends list" || long.out.contains("Examples:"),
@@ -425,7 +429,7 @@ fn stores_do_not_depend_on_threads_batches_and_culling() {
     assert_eq!(runs, 18);
     // A setting that rows depend on shows.
     place
-        .line(&format!("{compute} --rotation off --overwrite -o other"))
+        .line(&format!("{} --overwrite -o other", compute.replace("64", "80")))
         .is(0);
     assert_ne!(files(&place.path("reference")), files(&place.path("other")));
     place.line("check reference").is(0);
@@ -456,7 +460,7 @@ fn culling_is_on_where_it_spares_something() {
     let place = Place::new();
     place.line("generate city --patches 2000 -o city.obj").is(0);
     let ran = place
-        .line("compute city.obj -o m --correction pixel --resolution 64 --json")
+        .line("compute city.obj -o m --correction pixel --resolution 64 --json -v")
         .is(0);
     assert_eq!(ran.json()["culling"], "on");
     assert!(ran.err.contains("culling on: it leaves"), "{}", ran.err);
@@ -877,7 +881,7 @@ fn bad_scenes_are_refused() {
             ("cut.stl", ["cut.stl:", "cut short"]),
             ("cut.vs3", ["cut.vs3:2: ", "before a coordinate"]),
             ("other.json", ["other.json", "not `CityJSON`"]),
-            ("missing.obj", ["missing.obj", "cannot be read"]),
+            ("missing.obj", ["missing.obj", "does not exist"]),
             ("directory.obj", ["directory.obj", "is a folder without a scene file"]),
         ] {
             place.line(&format!("{command} {scene}")).fails_with(&words);
@@ -893,7 +897,7 @@ fn bad_matrices_are_refused() {
     place.write("store/manifest.json", "{}");
     place.write("noise.npz", [7u8; 100]);
     for command in ["check", "export"] {
-        let rest = if command == "export" { " F.npz" } else { "" };
+        let rest = if command == "export" { " -o F.npz" } else { "" };
         place
             .line(&format!("{command} directory{rest}"))
             .fails_with(&["directory", "no store"]);
@@ -1141,7 +1145,7 @@ fn an_interrupt_keeps_what_was_computed() {
     place.line("export m -o F.npz").fails_with(&["incomplete"]);
     place
         .line("compute city.obj -o m")
-        .fails_with(&["`m` holds another matrix", "with `--correction ", "--overwrite"]);
+        .fails_with(&["`m` holds another matrix", "with correction ", "--overwrite"]);
 
     // Twice: at once.
     let child = spawn(&format!("{slow} -o n -q"));
@@ -1197,9 +1201,9 @@ fn real_scenes_from_start_to_end() {
 fn an_option_of_another_command_is_said_to_be() {
     let place = hemicube_tests::runs::Place::new();
     place
-        .line("tradeoff a.obj --rows 0..9")
+        .line("tradeoff a.obj --min-factor 1e-6")
         .is(2)
-        .says(&["`tradeoff` has `--rows`", "`--rows` is an option of `compute`"]);
+        .says(&["`--min-factor` is an option of `compute`"]);
     let sky = place.line("sky a.obj --config=none").is(2);
     assert!(!sky.err.contains("--no-timings'"), "{}", sky.err);
     sky.says(&["`--config=none` is an option of `compute`"]);

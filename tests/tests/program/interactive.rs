@@ -902,7 +902,7 @@ fn a_script_may_answer() {
     let place = Place::new();
     cornell(&place);
     let answer = |answers: &str| {
-        let mut command = place.command("interactive --plain");
+        let mut command = place.command("interactive");
         command.stdin(Stdio::piped());
         let mut child = place.spawn(command);
         let mut input = child.stdin.take().expect("its input");
@@ -925,10 +925,8 @@ fn without_a_terminal_nothing_is_asked() {
     let place = Place::new();
     let bare = place.line("").is(2).says(&["Usage: hemicube [OPTIONS] <COMMAND>"]);
     assert!(!bare.err.contains("Select an option"), "{}", bare.err);
-    place
-        .line("interactive")
-        .is(2)
-        .says(&["are no terminal", "hint: `--plain` reads answers from any input"]);
+    // Its input is at its end: there are no answers.
+    place.line("interactive").is(0);
     // One that is written to is not enough, and neither is one to read from.
     for redirected in ["> out", "2> err", "< /dev/null"] {
         let script = format!("'{}' {redirected}; echo \"exit $?\"", program().display());

@@ -68,7 +68,7 @@ fn a_double_store_goes_through_every_command() {
     place
         .line("compute room.obj -o double --form double")
         .is(0)
-        .says(&["f64"]);
+        .says(&["kB, double"]);
     let store = Store::open(&place.path("double")).expect("a store");
     assert_eq!((store.manifest().form, store.manifest().version), (Form::Double, 4));
     let wide = doubles(&store);
@@ -143,7 +143,7 @@ fn a_double_store_goes_through_every_command() {
 #[test]
 fn shards_and_resumed_runs_have_the_bytes_of_one() {
     let place = room_with_a_box();
-    let line = "compute room.obj --split 3 --form double --tolerance 0.05% --rotation off";
+    let line = "compute room.obj --split 3 --form double --tolerance 0.05%";
     place.line(&format!("{line} -o whole")).is(0);
     for shard in [1, 2] {
         place.line(&format!("{line} -o parts --shard {shard}/2")).is(0);
@@ -160,9 +160,9 @@ fn shards_and_resumed_runs_have_the_bytes_of_one() {
     assert_eq!(bytes("whole"), bytes("parts"));
     // Another form is another run.
     place
-        .line("compute room.obj --split 3 --tolerance 0.05% --rotation off -o whole --form plain")
+        .line("compute room.obj --split 3 --tolerance 0.05% -o whole --form plain")
         .is(2)
-        .says(&["its form (`--form`) is double, here it is plain"]);
+        .says(&["its form is double, here it is plain"]);
 }
 
 #[test]
@@ -253,5 +253,5 @@ fn tolerances_that_f32_does_not_hold_are_refused_by_a_sentence() {
     place.line(&format!("{line} --tolerance 1e-6")).is(0);
     // The expected error against what was asked: said, whether it is reached or not.
     let checked = place.line("check F").is(0);
-    assert!(checked.out.contains("0.0001% asked"), "{}", checked.out);
+    assert!(checked.out.contains("0.0001 % asked"), "{}", checked.out);
 }

@@ -229,7 +229,7 @@ fn quads_are_the_aggregate_of_their_triangles() {
     let place = Place::new();
     place.write("room.obj", quads(4));
     let compute = |name: &str, kind: &str| {
-        let line = format!("compute room.obj -o {name} --patches {kind} --correction pixel --json --threads 2");
+        let line = format!("compute room.obj -o {name} --by {kind} --correction pixel --json --threads 2");
         place.line(&line).is(0).json()
     };
     let (triangles, faces) = (compute("triangles", "triangle"), compute("faces", "face"));
@@ -260,7 +260,7 @@ fn a_city_by_object_and_by_material_is_the_aggregate_of_its_triangles() {
     place.line(&format!("compute {city} -o triangles {settings}")).is(0);
     for kind in ["object", "material"] {
         place
-            .line(&format!("compute {city} -o by-{kind} --patches {kind} {settings}"))
+            .line(&format!("compute {city} -o by-{kind} --by {kind} {settings}"))
             .is(0);
         let by = format!("by-{kind}");
         let worst = difference(&table(&place, &by, kind), &table(&place, "triangles", kind));
@@ -343,7 +343,7 @@ fn rows_of_patches_are_chosen_by_patch() {
     compute("-o no --by material -q --emitters of_west").is(0);
     compute("-o no --by material -q --emitters block --occluders wes*").is(0);
     compute("-o no --by object --rows 0..1 -q --emitters nothing").is(2);
-    compute("-o no --patches surface -q").is(2).says(&["surface"]);
+    compute("-o no --by surface -q").is(2).says(&["surface"]);
 }
 
 #[test]
@@ -565,7 +565,7 @@ fn a_tolerance_is_of_the_matrix_of_surfaces() {
     place.write("quads.obj", quads(5));
     for (scene, kind) in [("room.obj", "object"), ("quads.obj", "object"), ("quads.obj", "face")] {
         let compute = |name: &str, accuracy: &str| {
-            let line = format!("compute {scene} -o {name} --overwrite --patches {kind} {accuracy} -q --json");
+            let line = format!("compute {scene} -o {name} --overwrite --by {kind} {accuracy} -q --json");
             place.line(&line).is(0).json()
         };
         let off = |name: &str| {
