@@ -7,11 +7,13 @@
 //! - `face` with a list `vertex_indices` or `vertex_index`: triangles with the polygon's winding, concave ones by ear
 //!   clipping
 //! - a corner of a vertex that is not there: an error
-//! - a face with fewer than three corners, or without area: counted; it keeps its face number
+//! - a face with fewer than three corners, or without area: left out, and said; it keeps its face number
 //! - `tristrips` with a list of the same names: a triangle for each corner from the third on, every second turned, each
 //!   a face numbered after those of `face`; −1 begins another strip
 //! - other elements with lists: left out, and said; without, such as `edge`: counted
 //! - colours, normals, texture coordinates and other properties: skipped
+//! - `vertex` without one of `x`, `y`, `z`: an error
+//! - bytes after the last element, and in text more numbers in a line than the header gives it: said
 //!
 //! PLY names neither objects nor units nor an up axis.
 
