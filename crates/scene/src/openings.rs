@@ -10,9 +10,9 @@ use crate::bounds::Bounds;
 #[cfg(feature = "_buildings")]
 pub(crate) use crate::polygon::vector_area;
 #[cfg(feature = "_buildings")]
-use crate::polygon::{Triangulation, triangulate, triangulate_with_holes};
+use crate::polygon::{TOO_FEW_CORNERS, judge_cut, judge_lost};
 #[cfg(feature = "_buildings")]
-use crate::polygon::{judge_cut, judge_lost};
+use crate::polygon::{Triangulation, triangulate, triangulate_with_holes};
 #[cfg(feature = "_buildings")]
 use crate::{Error, Fate, Kind, Ledger};
 use glam::DVec3;
@@ -67,7 +67,7 @@ pub(crate) fn cut(
         Triangulation::Done => {}
         // An opening may take all of its wall.
         _ if !openings.is_empty() && wall.len() >= 3 => {}
-        Triangulation::TooFewCorners => ledger.note("surface with fewer than 3 corners"),
+        Triangulation::TooFewCorners => ledger.lose(TOO_FEW_CORNERS, 1, None, place),
         Triangulation::NoArea => judge_lost(wall, ledger, place),
     }
     let corner = |&index: &u32| corners.get(index as usize).copied().unwrap_or(DVec3::NAN);

@@ -147,6 +147,20 @@ const AREA_EXCESS_MAX: f64 = 1e-2;
 /// Area, by the extent squared, up to which a polygon without a front has none.
 const NO_AREA: f64 = 1e-6;
 
+/// A polygon whose corners lie on a line, or nearly: one corner far off makes such a needle of a face with area.
+const WITHOUT_AREA: Kind<'static> = Kind {
+    fate: Fate::LeftOut,
+    what: "face without area",
+    next: "",
+};
+
+/// A face of one corner or two: what was to be a surface is none.
+pub(crate) const TOO_FEW_CORNERS: Kind<'static> = Kind {
+    fate: Fate::LeftOut,
+    what: "face with fewer than 3 corners",
+    next: "",
+};
+
 /// Judges the triangles of a polygon of more than three corners by their area.
 pub(crate) fn judge_cut(corners: &[DVec3], cut: &[[u32; 3]], ledger: &mut Ledger, place: impl FnOnce() -> String) {
     if corners.len() < 4 || !corners.iter().all(|corner| corner.is_finite()) {
@@ -176,7 +190,7 @@ pub(crate) fn judge_lost(corners: &[DVec3], ledger: &mut Ledger, place: impl FnO
         };
         ledger.lose(kind, 1, Some(area), place);
     } else {
-        ledger.note("face without area");
+        ledger.lose(WITHOUT_AREA, 1, Some(area), place);
     }
 }
 
@@ -197,7 +211,7 @@ pub(crate) fn cut_face(
     cut.clear();
     match triangulate(corners, cut) {
         Triangulation::Done => judge_cut(corners, cut, ledger, place),
-        Triangulation::TooFewCorners => ledger.note("face with fewer than 3 corners"),
+        Triangulation::TooFewCorners => ledger.lose(TOO_FEW_CORNERS, 1, None, place),
         Triangulation::NoArea => judge_lost(corners, ledger, place),
     }
 }

@@ -6,6 +6,8 @@
 
 #![cfg(unix)]
 
+use glam::DVec3;
+use hemicube_tests::geometry::box_inside;
 use hemicube_tests::runs::{Place, Ran, files, finish};
 use hemicube_tests::scenes::program;
 use serde_json::json;
@@ -613,6 +615,72 @@ fn memory_is_asked_for_before_it_is_taken() {
         !place.path("n").exists() && !place.path("n.png").exists(),
         "nothing is left of it"
     );
+}
+
+/// Two walls with a hundred panes between them, a box all of panes, and a room whose floor and ceiling are mirrors.
+fn portal_scenes() -> [(&'static str, String, &'static str); 3] {
+    let quad = |name: &str, corners: [[f64; 3]; 4]| {
+        let vertices = corners.map(|[x, y, z]| format!("v {x} {y} {z}\n")).concat();
+        format!("o {name}\n{vertices}f -4 -3 -2 -1\n")
+    };
+    let across = |x: f64| [[x, 0.0, 0.0], [x, 1.0, 0.0], [x, 1.0, 1.0], [x, 0.0, 1.0]];
+    let back = "f -1 -2 -3 -4\n";
+    let panes = (1..=100).map(|at| quad(&format!("pane{at}"), across(0.1 * f64::from(at))) + back);
+    let mut far = across(10.1);
+    far.reverse();
+    let row = quad("near", across(0.0)) + &quad("far", far) + &panes.collect::<String>();
+    let sides = box_inside(DVec3::splat(4.0)).map(|side| side.map(|corner| corner.to_array()));
+    let low = [[1.0, 1.0, 1.0], [2.0, 1.0, 1.0], [2.0, 2.0, 1.0], [1.0, 2.0, 1.0]];
+    let table = quad("table", low);
+    let walls = (0..).zip(sides);
+    let all = walls
+        .clone()
+        .map(|(at, side)| quad(&format!("pane{at}"), side) + back)
+        .collect::<String>();
+    let mirrors = walls.map(|(at, side)| {
+        let is_level = side.iter().all(|corner| corner[2] == side[0][2]);
+        quad(&format!("{}{at}", if is_level { "mirror" } else { "wall" }), side)
+    });
+    let pane = "[object.\"pane*\"]\ntransmittance = 0.8\nspecular = 0.1\n";
+    [
+        ("row", row, pane),
+        ("box", all + &table, pane),
+        (
+            "facing",
+            mirrors.collect::<String>() + &table,
+            "[object.\"mirror*\"]\nspecular = 0.9999\n",
+        ),
+    ]
+}
+
+/// The work of a row has a bound with portals too, and what is cut off there is said.
+#[test]
+fn rows_through_a_hundred_panes_end_at_their_bound() {
+    /// Three times the steps that the dearest takes: the row of panes at 1 %, with its calibration. A choice; without the
+    /// bound no row ends within a minute.
+    const MOST: u64 = 2_000_000_000;
+    let place = Place::new();
+    for (name, scene, optics) in portal_scenes() {
+        write(&place, &format!("{name}.obj"), scene);
+        write(&place, &format!("{name}.toml"), optics);
+        for level in ["--correction pixel", "", "--tolerance 1%"] {
+            let line =
+                format!("compute {name}.obj --specular {name}.toml -o m --overwrite --config none --rows 4 {level}");
+            let ran = place.line(&format!("{line} --json")).is(0);
+            let found = ran.json();
+            let steps = found["steps"].as_u64().expect("a number");
+            assert!(steps < MOST, "{name} {level}: {steps} steps");
+            // What is cut off is a share of its own, so that rows close.
+            let closure = found["closure"].as_f64().expect("a number");
+            assert!(closure < 0.02, "{name} {level}: {closure}");
+            if name == "row" {
+                let cut = found["cut_off"][0].as_f64().expect("a share");
+                assert!((0.001..0.1).contains(&cut), "{name} {level}: {cut}");
+                let said = place.line(&line).is(0);
+                assert!(said.out.contains("cut off behind mirrors and panes"), "{}", said.out);
+            }
+        }
+    }
 }
 
 /// Files of kilobytes that would take gigabytes or minutes are refused by what they say, in seconds and little memory.

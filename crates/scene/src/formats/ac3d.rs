@@ -51,7 +51,7 @@
 //! corners than follow is an error, and so is a file that ends within vertices, surfaces or corners.
 
 use crate::bounds::Bounds;
-use crate::polygon::cut_face;
+use crate::polygon::{TOO_FEW_CORNERS, cut_face};
 use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::{DAffine3, DMat3, DVec3};
 use std::borrow::Cow;
@@ -776,7 +776,9 @@ impl<'a> Reader<'a> {
     /// before it, every second one turned so that all wind alike.
     fn cut_strip(&mut self) {
         if self.refs.len() < 3 {
-            self.ledger.note("face with fewer than 3 corners");
+            let name = self.object.as_ref().map_or("", |object| object.name.as_str());
+            let place = || format!("`{}`", excerpt(name.as_bytes()));
+            self.ledger.lose(TOO_FEW_CORNERS, 1, None, place);
             return;
         }
         for (position, corners) in self.refs.windows(3).enumerate() {

@@ -20,7 +20,9 @@
 
 use crate::bounds::{Bounds, STEPS_A_COPY};
 use crate::names::Names;
-use crate::polygon::{Labels, Triangulation, judge_cut, judge_lost, push_triangles, triangulate_with_holes};
+use crate::polygon::{
+    Labels, TOO_FEW_CORNERS, Triangulation, judge_cut, judge_lost, push_triangles, triangulate_with_holes,
+};
 use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::{DMat4, DVec3};
 use serde::Deserialize;
@@ -483,7 +485,10 @@ impl City {
                 });
             }
             Triangulation::Done => {}
-            Triangulation::TooFewCorners => self.ledger.note("surface with fewer than 3 corners"),
+            Triangulation::TooFewCorners => {
+                self.ledger
+                    .lose(TOO_FEW_CORNERS, 1, None, || format!("`{}`", shown(id)));
+            }
             Triangulation::NoArea => {
                 let outline = self.holes.first().copied().unwrap_or(self.corners.len());
                 judge_lost(&self.corners[..outline], &mut self.ledger, || {

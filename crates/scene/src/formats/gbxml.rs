@@ -7,7 +7,8 @@
 //! - `Surface` of a `Campus`: a face by its `PlanarGeometry`, otherwise by its `RectangularGeometry` (point at the
 //!   bottom left seen from outside, azimuth clockwise from north, tilt from up, width, height). It **faces into the
 //!   first adjacent space**: the file winds it outwards, and here it is turned
-//! - of two adjacent spaces (interior walls and floors), or of none (shades): with two sides
+//! - of two adjacent spaces (interior walls and floors), or of none (shades): with two sides; of none and no shade or
+//!   column: the same, and said
 //! - `Opening`: a face, cut out of its surface, facing as the surface; one that the file winds against it is turned, and
 //!   that is said
 //! - surfaces and openings of type `Air`: left open, because radiation passes through them
@@ -19,7 +20,7 @@
 
 use crate::bounds::Bounds;
 use crate::names::Names;
-use crate::openings::{cut, turn_with};
+use crate::openings::{cut, turn_with, vector_area};
 use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use roxmltree::Node;
@@ -224,6 +225,14 @@ impl Frame {
     }
 }
 
+/// Types of surfaces that bound no space. One without a type tells nothing.
+const SPACELESS: [&str; 5] = ["", "Shade", "Air", "FreestandingColumn", "EmbeddedColumn"];
+const OF_NO_SPACE: Kind<'static> = Kind {
+    fate: Fate::Doubtful,
+    what: "wall, floor or roof of no space, with two sides as a shade has",
+    next: "name its space in an `AdjacentSpaceId`, or make it a `Shade`",
+};
+
 /// The corners of an element's `PlanarGeometry`; none where it has no polygon.
 fn polygon(node: Node<'_, '_>, ledger: &mut Ledger) -> Result<Option<Vec<DVec3>>, Error> {
     let Some(geometry) = child(node, "PlanarGeometry") else {
@@ -325,6 +334,13 @@ impl Reader<'_> {
         }
         let holes: Vec<&[DVec3]> = parts.iter().map(|(_, corners)| corners.as_slice()).collect();
         let two_sided = spaces.len() != 1;
+        let kind = node.attribute("surfaceType").unwrap_or_default();
+        if spaces.is_empty() && !SPACELESS.contains(&kind) {
+            self.ledger
+                .lose(OF_NO_SPACE, 1, Some(0.5 * vector_area(&corners).length()), || {
+                    id_of(node)
+                });
+        }
         self.add(node, &corners, &holes, two_sided)?;
         for (opening, corners) in &parts {
             self.add(*opening, corners, &[], two_sided)?;

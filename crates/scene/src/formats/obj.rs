@@ -9,7 +9,7 @@
 //!   [`crate::repair`] drops the triangles that use them
 //! - `f`, `fo`: triangles with the polygon's winding, concave ones by ear clipping. Of a corner `a/t/n` only `a`
 //!   counts; negative ones count back from the last vertex
-//! - a face with fewer than three corners, or without area: counted; it keeps its face number
+//! - a face with fewer than three corners, or without area: left out, and said; it keeps its face number
 //! - a corner 0, or of a vertex that is not there (yet): an error
 //! - a face with more than 65,536 corners: an error
 //! - `o`, `g`: the name of the object of the faces that follow: the latest `g` since the latest `o`; an empty `g` goes

@@ -7,20 +7,22 @@
 //! - `face` with a list `vertex_indices` or `vertex_index`: triangles with the polygon's winding, concave ones by ear
 //!   clipping
 //! - a corner of a vertex that is not there: an error
-//! - a face with fewer than three corners, or without area: counted; it keeps its face number
+//! - a face with fewer than three corners, or without area: left out, and said; it keeps its face number
 //! - `tristrips` with a list of the same names: a triangle for each corner from the third on, every second turned, each
 //!   a face numbered after those of `face`; −1 begins another strip
 //! - other elements with lists: left out, and said; without, such as `edge`: counted
 //! - colours, normals, texture coordinates and other properties: skipped
+//! - `vertex` without one of `x`, `y`, `z`: an error
+//! - bytes after the last element, and in text more numbers in a line than the header gives it: said
 //!
 //! PLY names neither objects nor units nor an up axis.
 
 use crate::bounds::Bounds;
-use crate::polygon::{Labels, cut_face, push_triangles};
-use crate::{Error, Fate, Kind, Material, ReadOptions, Scene, Triangle};
+use crate::polygon::{Labels, TOO_FEW_CORNERS, cut_face, push_triangles};
+use crate::{Error, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult, PropertyType};
+use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType};
 use std::path::Path;
 
 /// Kept part of a vertex or a face.
@@ -30,6 +32,19 @@ struct Element {
     /// `None` if a corner is no whole number. [`RESTART`] for −1.
     corners: Option<Vec<u32>>,
 }
+
+/// More vertices or faces than the header announces, or the header of another file.
+const AFTER_THE_LAST: Kind<'static> = Kind {
+    fate: Fate::LeftOut,
+    what: "byte after the last element",
+    next: "the header announces fewer elements than the file has; get the file anew",
+};
+
+const SURPLUS: Kind<'static> = Kind {
+    fate: Fate::Doubtful,
+    what: "line with more numbers than the header gives its element, which were skipped",
+    next: "a list begins with the number of its entries",
+};
 
 /// Begins another strip.
 const RESTART: u32 = u32::MAX;
@@ -143,11 +158,24 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
                 bytes.len()
             )));
         }
+        // A coordinate that is not there would be 0.
+        let is_missing = |axis: &&&str| !element.properties.contains_key(**axis);
+        if name == "vertex"
+            && let Some(axis) = ["x", "y", "z"].iter().find(is_missing)
+        {
+            return Err(Error::malformed(format!(
+                "has vertices without the property `{axis}`; export the model with positions"
+            )));
+        }
     }
     let mut vertices = Vec::new();
     let mut faces = Vec::new();
     let mut strips = Vec::new();
     for (name, element) in &header.elements {
+        let is_read = ["vertex", "face", "tristrips"].contains(&name.as_str());
+        if is_read && matches!(header.encoding, Encoding::Ascii) {
+            count_surplus(reader.get_ref(), name, element, &mut scene.ledger);
+        }
         let values = parser
             .read_payload_for_element(&mut reader, element, &header)
             .map_err(located)?;
@@ -174,6 +202,16 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
                     .lose(kind, values.len() as u64, None, || "the header".to_owned());
             }
         }
+    }
+    let rest = reader.into_inner();
+    let is_end = match header.encoding {
+        Encoding::Ascii => rest.iter().all(u8::is_ascii_whitespace),
+        // Some programs end a binary file with a line.
+        _ => matches!(rest, b"" | b"\n" | b"\r\n"),
+    };
+    if !is_end {
+        let place = || format!("byte {}", bytes.len() - rest.len());
+        scene.ledger.lose(AFTER_THE_LAST, rest.len() as u64, None, place);
     }
     let mut bounds = Bounds::new(bytes.len(), options);
     let mut corners = Vec::new();
@@ -216,6 +254,31 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     Ok(scene)
 }
 
+/// Records lines of an element, of a file in text, that have more numbers than the header gives it.
+fn count_surplus(text: &[u8], name: &str, element: &ElementDef, ledger: &mut Ledger) {
+    let has_surplus = |line: &[u8]| {
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        for property in element.properties.values() {
+            let first = words.next();
+            if let PropertyType::List(..) = property.data_type {
+                let count = first.and_then(|word| std::str::from_utf8(word).ok()?.parse::<usize>().ok());
+                // What is no number is refused elsewhere.
+                let Some(count) = count else { return false };
+                if count > 0 {
+                    words.nth(count - 1);
+                }
+            }
+        }
+        words.next().is_some()
+    };
+    let lines = (0_u64..).zip(text.split(|&byte| byte == b'\n').take(element.count));
+    let mut found = lines.filter(|(_, line)| has_surplus(line)).map(|(at, _)| at);
+    if let Some(first) = found.next() {
+        let more = found.count() as u64;
+        ledger.lose(SURPLUS, 1 + more, None, || format!("`{}` {first}", excerpt(name)));
+    }
+}
+
 /// Adds the triangles of strips, as faces numbered from `first` on.
 fn read_strips(strips: &[Element], vertices: &[Element], first: usize, scene: &mut Scene) -> Result<(), Error> {
     let too_many = || Error::malformed("has more faces than can be numbered");
@@ -237,7 +300,9 @@ fn read_strips(strips: &[Element], vertices: &[Element], first: usize, scene: &m
                 })
             };
             if (1..3).contains(&strip.len()) {
-                scene.ledger.note("strip with fewer than 3 corners");
+                scene
+                    .ledger
+                    .lose(TOO_FEW_CORNERS, 1, None, || format!("strip {number}"));
             }
             for (at, three) in strip.windows(3).enumerate() {
                 let &[a, b, c] = three else { continue };
@@ -311,6 +376,27 @@ mod tests {
     }
 
     #[test]
+    fn what_the_header_does_not_announce_is_a_loss() {
+        assert_eq!(open(TEXT.as_bytes()).unwrap().ledger.losses().count(), 0);
+        for (from, to, count) in [("face 2", "face 1", 8), ("3 0 1 4\n", "3 0 1 4\n\n \r\n", 0)] {
+            let ledger = open(TEXT.replacen(from, to, 1).as_bytes()).unwrap().ledger;
+            assert_eq!(ledger.get(AFTER_THE_LAST.what), count, "{ledger}");
+        }
+        for (from, to, count) in [
+            ("4 0 1 2 3", "3 0 1 2 3", 1),
+            ("1 0 0 255", "1 0 0 255 7", 1),
+            ("4 0 1 2 3", "4 0  1 2 3 ", 0),
+        ] {
+            let ledger = open(TEXT.replacen(from, to, 1).as_bytes()).unwrap().ledger;
+            assert_eq!(ledger.get(SURPLUS.what), count, "{ledger}");
+        }
+        for (rest, count) in [(&b"\n"[..], 0), (b"\0\0\0", 3)] {
+            let ledger = open(&[&binary(false), rest].concat()).unwrap().ledger;
+            assert_eq!(ledger.get(AFTER_THE_LAST.what), count, "{ledger}");
+        }
+    }
+
+    #[test]
     fn both_byte_orders() {
         let (little, big) = (open(&binary(false)).unwrap(), open(&binary(true)).unwrap());
         assert_eq!(little, big);
@@ -325,6 +411,12 @@ mod tests {
             ("vertex 5", "vertex 4000000000", "cut short or damaged"),
             ("0 1 0 255", "0 one 0 255", "is not PLY"),
             ("ply\n", "plx\n", "is not PLY"),
+            ("property double y\n", "", "vertices without the property `y`"),
+            (
+                "property double z\n",
+                "property double height\n",
+                "without the property `z`",
+            ),
         ] {
             let message = open(TEXT.replacen(from, to, 1).as_bytes()).unwrap_err().to_string();
             assert!(message.contains(expected) && !message.contains('\n'), "{message}");

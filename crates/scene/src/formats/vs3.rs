@@ -325,7 +325,8 @@ impl<'a> Reader<'a> {
                 return fail(format!("has the base surface {}, which is not there", at + 1));
             };
             let base_number = at + 1;
-            if at + 1 > number && (covers || base.kind != Kind::Obstruction) {
+            let may_follow = !covers && base.kind == Kind::Obstruction;
+            if base_number == number || base_number > number && !may_follow {
                 return fail(format!(
                     "has the base surface {base_number}, which does not come before it"
                 ));
@@ -698,6 +699,11 @@ mod tests {
                 "7 8 1 0",
                 "7 8 3 0",
                 "line 14: surface 2 has the base surface 3, which does not come before",
+            ),
+            (
+                "7 8 1 0",
+                "7 8 2 0",
+                "line 14: surface 2 has the base surface 2, which does not come before",
             ),
             ("S 2", "M 2", "line 14: surface 2 does not face its base surface 1"),
             (

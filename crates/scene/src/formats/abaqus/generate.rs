@@ -683,7 +683,7 @@ mod tests {
             assert!(message.starts_with(expected), "{text}: {message}");
         }
         let many = open(&(plate.clone() + "*ELGEN\n1, 2000, 0, 100, 2000, 0, 200000\n")).unwrap_err();
-        assert!(matches!(many.kind, ErrorKind::TooLarge(_)), "{many}");
+        assert!(matches!(many.kind, ErrorKind::OverLimit(_)), "{many}");
         let long = plate + "*NSET, NSET=a, GENERATE\n1, 4\n" + &"*NCOPY, CHANGE NUMBER=0, OLD SET=a, SHIFT\n".repeat(9);
         assert!(open(&long).unwrap_err().to_string().contains("without data lines"));
     }
