@@ -602,7 +602,11 @@ fn id(name: &str) -> String {
 }
 
 fn argument<'a>(command: &'a Command, name: &str) -> Option<&'a clap::Arg> {
-    command.get_arguments().find(|arg| arg.get_long() == Some(name))
+    let is_named = |arg: &&clap::Arg| match arg.get_long() {
+        Some(long) => long == name,
+        None => arg.is_positional() && arg.get_id() == name,
+    };
+    command.get_arguments().find(is_named)
 }
 
 fn is_given(matches: &ArgMatches, name: &str) -> bool {

@@ -234,7 +234,9 @@ mod tests {
             assert!(of(10, default).triangles(TRIANGLES + 1, TRIANGLES).is_ok());
             assert!(of(10, large).triangles(TRIANGLES + 1, 0).is_ok());
             // No option makes memory.
-            let refused = of(10, large).triangles(u64::MAX, 0).expect_err("more than any machine has");
+            let refused = of(10, large)
+                .triangles(u64::MAX, 0)
+                .expect_err("more than any machine has");
             assert!(!matches!(refused.kind, ErrorKind::OverLimit(_)), "{refused}");
         }
         assert!(of(10, default).polygon(CORNERS_MAX).is_ok());

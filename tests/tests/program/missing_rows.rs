@@ -46,6 +46,6 @@ fn what_surfaces_exchange_takes_all_rows() {
         place
             .line(&format!("exchange two --materials grey.toml --by {by}"))
             .is(2)
-            .says(&["has rows of 2 patches only", "--rows"]);
+            .says(&["has rows of 2 patches only", "compute it with all rows"]);
     }
 }

@@ -66,7 +66,7 @@ fn code_of_a_folder_is_not_run() {
             "tradeoff room.obj",
             "compute --print-config",
         ] {
-            let ran = place.line(command).is(2).says(&[words, "hint: ", "--config=none"]);
+            let ran = place.line(command).is(2).says(&[words, "hint: ", "`--config none`"]);
             assert!(!ran.err.contains("x.so`: "), "it was looked at: {}", ran.err);
         }
         place.line(&format!("{COMPUTE} --config=none -o n --overwrite")).is(0);
@@ -335,8 +335,8 @@ fn what_is_no_regular_file_is_refused_at_once() {
             "solve m --materials mat.toml --emission m.npy",
             "sky room.obj --up z -o x5 --points c.toml",
             "sky room.obj --up z -o x5 --suns zero.toml",
-            "view model e room.obj -o x.png --overwrite",
-            "view model g room.obj -o x.png --overwrite",
+            "view model e room.obj --show radiosity -o x.png --overwrite",
+            "view model g room.obj --show radiosity -o x.png --overwrite",
             "view3d s.vs3 x.vf",
             "view3d /dev/zero x.vf",
         ]

@@ -26,7 +26,7 @@ fn a_matrix_that_compute_warned_of_is_doubtful_and_no_error() {
     place
         .line(&format!("compute {scene} --split 2 -o box --config=none"))
         .is(0)
-        .says(&["in more than half of the view"]);
+        .says(&["warning: 2 patches see mostly backs of surfaces"]);
     let checked = place.line("check box").is(0).out;
     assert!(
         checked.contains("quality       DOUBTFUL") && checked.contains("integrity     ok"),
@@ -84,7 +84,7 @@ fn rows_beyond_the_tolerance_asked_for_are_doubtful_and_beyond_a_bound_failed() 
     assert_eq!(states(&report), ["ok", "ok", "doubtful"]);
     assert_eq!(report["verdicts"]["quality"]["doubts"], serde_json::json!(["closure"]));
     let out = place.line("check F").is(0).out;
-    assert!(out.contains("to 1 only beyond"), "{out}");
+    assert!(out.contains("rows have a closure error above"), "{out}");
     std::fs::write(&path, text).expect("the manifest");
 }
 
@@ -103,7 +103,9 @@ fn an_unfinished_matrix_is_not_called_damaged() {
         .is(0);
     let checked = place.line("check box").is(1).out;
     assert!(
-        checked.contains("UNFINISHED: ") && checked.contains("parts are there") && !checked.contains("FAILED"),
+        checked.contains("integrity     UNFINISHED")
+            && checked.contains("parts are there")
+            && !checked.contains("FAILED"),
         "{checked}"
     );
     let report = place.line("check box --json").is(1).json();
@@ -119,7 +121,9 @@ fn an_unfinished_matrix_is_not_called_damaged() {
     std::fs::remove_file(place.path("whole/parts/part-00003.npz")).expect("a part");
     let checked = place.line("check whole").is(1).out;
     assert!(
-        checked.contains("FAILED files") && checked.contains("integrity     FAILED") && !checked.contains("UNFINISHED"),
+        checked.contains("files: 1 case")
+            && checked.contains("integrity     FAILED")
+            && !checked.contains("UNFINISHED"),
         "{checked}"
     );
 }
@@ -130,7 +134,7 @@ fn help_says_the_bound_that_holds() {
     let help = place.line("check --help").is(0).out;
     let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(
-        words.contains("for sums of pixels 1e-6 and the form's rounding; else a doubt beyond the run's tolerance"),
+        words.contains("doubt above the run's tolerance; for sums of pixels fail above 1e-6"),
         "{help}"
     );
     place.line("generate room --patches 100 -o room.obj -q").is(0);

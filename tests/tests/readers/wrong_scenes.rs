@@ -75,11 +75,7 @@ fn city(inside_out: bool, ground: bool) -> String {
 }
 
 fn inspected(place: &Place, line: &str) -> Value {
-    place
-        .line(&format!("inspect {line} --json - --config=none"))
-        .is(0)
-        .json()["enclosure"]
-        .clone()
+    place.line(&format!("inspect {line} --json --config=none")).is(0).json()["enclosure"].clone()
 }
 
 fn sentences(enclosure: &Value) -> Vec<String> {

@@ -44,7 +44,10 @@ fn view_factors(directory: &Path, scene: &str, tolerance: &str) -> ViewFactors {
             tolerance,
         ],
     );
-    run(directory, &["export", "F", "F.vf", "--by", "object", "--overwrite"]);
+    run(
+        directory,
+        &["export", "F", "-o", "F.vf", "--by", "object", "--overwrite"],
+    );
     let text = std::fs::read_to_string(directory.join("F.vf")).unwrap();
     let mut lines = text.lines();
     let header = lines.next().unwrap().to_owned();
@@ -183,11 +186,11 @@ fn a_city_json_tile_and_its_obj_twin_give_the_same_matrix() {
     }
     // Parts name the run that they are of, and a scene's hash is of its names too: what they hold is in the exports.
     let matrix = |store: &str| -> Vec<u8> {
-        run(place.path(), &["export", store, "matrix.npz", "--overwrite"]);
+        run(place.path(), &["export", store, "-o", "matrix.npz", "--overwrite"]);
         std::fs::read(place.path().join("matrix.npz")).unwrap()
     };
     assert!(matrix("A") == matrix("B"), "the two matrices are not the same bytes");
-    run(place.path(), &["export", "A", "zones.csv", "--by", "object"]);
+    run(place.path(), &["export", "A", "-o", "zones.csv", "--by", "object"]);
     let csv = std::fs::read_to_string(place.path().join("zones.csv")).unwrap();
     let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(lines[0][..3], ["zone", "patches", "area"]);
@@ -208,7 +211,7 @@ fn zones_as_matrices() {
     );
     run(folder, &["compute", "room.obj", "-o", "F", "-q", "--config=none"]);
     for file in ["F.csv", "F.mtx", "F.npz", "F.npy", "F.txt"] {
-        run(folder, &["export", "F", file, "--by", "face"]);
+        run(folder, &["export", "F", "-o", file, "--by", "face"]);
     }
     let table = std::fs::read_to_string(folder.join("F.csv")).unwrap();
     let rows: Vec<Vec<f64>> = table
@@ -240,7 +243,7 @@ fn zones_as_matrices() {
             .all(|(&to, &value)| (value - rows[3][to as usize]).abs() <= 1e-7)
     );
     let refused = command_in(&program(), folder)
-        .args(["export", "F", "F.ply", "--by", "face"])
+        .args(["export", "F", "-o", "F.ply", "--by", "face"])
         .output()
         .unwrap();
     assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains("`--by` adds them up"));
