@@ -8,6 +8,7 @@ use hemicube::driver::input::SceneInput;
 use hemicube::driver::room::Work;
 use hemicube::portal::{ImageSettings, Images, Portals, Specular};
 use hemicube::sky::{SkyDivision, sky_beside};
+use hemicube::solve::StoredSolution;
 use hemicube::store::{Store, scene_hash};
 use hemicube::{Grouping, HierarchyOptions};
 use hemicube_scene::ReadOptions;
@@ -79,6 +80,23 @@ pub(crate) fn settings(store: &Store) -> Result<SceneSettings> {
         },
         allow_large: false,
         memory: None,
+    })
+}
+
+/// Opens a solution of a matrix.
+///
+/// # Errors
+/// When it has none of that name, or its matrix has changed since; where it has none at all, with what makes one.
+pub(crate) fn solution(store: &Store, name: &str) -> Result<StoredSolution> {
+    StoredSolution::open(store, name).map_err(|error| {
+        if !StoredSolution::names(store).is_empty() {
+            return error.into();
+        }
+        let matrix = crate::shell::word(store.directory());
+        hinted(
+            error.into(),
+            format!("`hemicube solve {matrix}` makes one; heat's by `--thermal`"),
+        )
     })
 }
 

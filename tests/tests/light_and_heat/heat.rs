@@ -100,13 +100,13 @@ fn objects_have_properties_and_heat_adds_up() {
         "[default]\nemissivity = 0.9\ntemperature = 293.15\n[material.floor]\ntemperature = 303.15\n",
     );
     let ran = place
-        .line("solve room --thermal --materials old.toml --by object -o by.csv")
+        .line("solve room --thermal --materials old.toml --by object -o by.csv -v")
         .is(0)
         .says(&["no material is called `floor`"]);
     assert!(
-        ran.err.contains("\nfloor    32       30.000") && ran.err.contains("closed"),
+        ran.out.contains("\nfloor    32       30.000") && ran.out.contains("closed"),
         "{}",
-        ran.err
+        ran.out
     );
     let csv = std::fs::read_to_string(place.path("by.csv")).expect("a table");
     let heat: f64 = csv
@@ -335,9 +335,9 @@ fn the_fields_cases_are_right() {
     );
     let ran = place.line("solve zone --thermal --materials t.toml").is(0);
     assert!(
-        ran.err.contains("of 6 surfaces as the scene's file has it: 0.95"),
+        ran.out.contains("of 6 surfaces as the scene's file has it: 0.95"),
         "{}",
-        ran.err
+        ran.out
     );
     let (own, _) = surfaces(&place, "solve zone --thermal --materials t.toml");
     assert!((own["Floor"].0 / found["Floor"].0 - 1.0).abs() < 1e-9);

@@ -173,7 +173,7 @@ fn shards_of_any_order_and_place_are_merged_and_what_is_missing_is_named() {
         .is(0);
     place.line("merge m other").is(2).says(&[
         "`other` holds another matrix",
-        "computed with `--resolution 32`, and here it is with `--resolution 64`",
+        "computed with resolution 32, and here it is with resolution 64",
     ]);
     place.line("merge nowhere").is(2).says(&["`nowhere` does not exist"]);
     for (line, words) in [

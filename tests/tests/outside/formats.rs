@@ -205,7 +205,7 @@ fn meshio_and_trimesh_find_every_value() {
     let place = yard();
     for file in ["p.vtu", "p.ply", "p.glb", "p.csv", "p.npz"] {
         let more = match file {
-            "p.npz" => "--patches",
+            "p.npz" => "--results",
             "p.ply" | "p.glb" => "--show seen",
             _ => "",
         };
@@ -359,7 +359,7 @@ fn two_exports_have_the_same_bytes() {
     for file in ["p.vtp", "p.vtu", "p.glb", "p.ply", "p.csv", "p.npz", "F.parquet"] {
         let more = match file {
             "F.parquet" => "",
-            "p.npz" => "--patches --scene yard.obj",
+            "p.npz" => "--results --scene yard.obj",
             _ => "--scene yard.obj",
         };
         let mut bytes = Vec::new();
@@ -444,10 +444,9 @@ fn a_cancelled_file_leaves_nothing() {
 fn what_is_asked_for_is_said_to_be_wrong() {
     let place = yard();
     for (line, words) in [
-        ("export F -o p.vtp", &["corners", "--scene", "yard.obj"][..]),
         (
             "export F -o p.glb --scene yard.obj --show seem",
-            &["no `seem`", "escaped", "radiosity_red"],
+            &["no `seem`", "escaped", "radiosity_red"][..],
         ),
         (
             "export F -o p.glb --scene yard.obj --show radiosity --range 0,1",
@@ -459,7 +458,7 @@ fn what_is_asked_for_is_said_to_be_wrong() {
         ),
         (
             "export F -o F.npz --scene yard.obj",
-            &["--scene", "no meaning", "--patches"],
+            &["--scene", "no meaning", "--results"],
         ),
         ("export F -o F.parquet --results", &["--results", "no meaning"]),
         (

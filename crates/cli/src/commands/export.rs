@@ -350,7 +350,7 @@ impl Target {
                 return Err(hinted(
                     anyhow!("`{name}` has no meaning for `{}`", output.display()),
                     format!(
-                        "`hemicube export --help` -o says which files it is for; a {} of patches is asked for by \
+                        "`hemicube export --help` says which files it is for; a {} of patches is asked for by \
                          `--results`",
                         either(" or ")
                     ),

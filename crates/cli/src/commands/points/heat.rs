@@ -33,17 +33,8 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
     let (directory, name) = parts_of(given);
     require_matrix(&directory)?;
     let store = Store::open(&directory)?;
-    match StoredSolution::open(&store, &name) {
-        Ok(solution) => Ok((store, solution)),
-        Err(error) if StoredSolution::names(&store).is_empty() => Err(hinted(
-            anyhow::Error::new(error),
-            format!(
-                "`hemicube solve {} --thermal --materials FILE` makes one",
-                crate::shell::word(&directory)
-            ),
-        )),
-        Err(error) => Err(error.into()),
-    }
+    let solution = crate::stored::solution(&store, &name)?;
+    Ok((store, solution))
 }
 
 /// Radiosities by triangle in W/m², and the temperatures of sky and ground in kelvin.

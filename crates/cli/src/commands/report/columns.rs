@@ -95,11 +95,11 @@ pub(super) fn columns(
         wanted.to_vec()
     };
     for name in names {
-        match StoredSolution::open(store, &name) {
+        match stored::solution(store, &name) {
             Ok(solution) => add_solution(&mut columns, &name, &solution)?,
             // An unnamed one may be outdated.
             Err(error) if wanted.is_empty() => talk.warn(&format!("left out: {error}")),
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(error),
         }
     }
     if sky_beside(store).exists() {

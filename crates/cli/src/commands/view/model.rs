@@ -182,7 +182,7 @@ fn solution(store: &Store, name: Option<&str>) -> Result<StoredSolution> {
         ),
         _ => USUAL,
     };
-    Ok(StoredSolution::open(store, name)?)
+    stored::solution(store, name)
 }
 
 /// Number of patches in sight of each patch; NaN without a row.
