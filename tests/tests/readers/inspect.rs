@@ -359,7 +359,7 @@ fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
         one.1["measured_steps"], other_rows["measured_steps"],
         "other rows are other work"
     );
-    assert!(inspect(&scene, &[]).contains(&format!("by {rows} rows only: such rows take long")));
+    assert!(inspect(&scene, &[]).contains(&format!("measured on {rows} rows only, for rows like these")));
 
     // Rows that fit the bound are all measured.
     write(&scene, &screens(2));
@@ -369,14 +369,18 @@ fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
         (&found["met_bound"], &found["measured_rows"]),
         (&false.into(), &patches)
     );
-    assert!(!inspect(&scene, &[]).contains("only: such rows"));
+    assert!(!inspect(&scene, &[]).contains("only, for rows like these"));
 }
 
 /// What a run takes of what was foretold of it.
 fn taken_of_foretold(place: &Place, scene: &str, level: &str) -> [f64; 3] {
     let settings = format!("--config=none --threads 1 {level}");
-    let foretold = place.line(&format!("inspect {scene} --json {settings}")).is(0).json()["forecast"].clone();
-    let line = format!("compute {scene} -o out --overwrite --quiet --json {settings}");
+    let foretold = place
+        .line(&format!("inspect {scene} --json -v {settings}"))
+        .is(0)
+        .json()["forecast"]
+        .clone();
+    let line = format!("compute {scene} -o out --overwrite --json -v {settings}");
     let taken = place.line(&line).is(0).json();
     let number = |of: &Value| of.as_f64().unwrap_or(f64::NAN);
     let peak = [&taken["peak_memory_bytes"], &foretold["memory_bytes"]].map(number);
