@@ -919,7 +919,7 @@ fn bad_matrices_are_refused() {
     bytes[middle] ^= 1;
     std::fs::write(&part, bytes).expect("a part");
     let checked = place.line("check m").is(1);
-    assert!(checked.out.contains("FAILED files"), "{}", checked.out);
+    assert!(checked.out.contains("files: 1 case"), "{}", checked.out);
     assert_eq!(place.line("check m --json").is(1).json()["ok"], false);
 }
 

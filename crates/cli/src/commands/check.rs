@@ -322,7 +322,10 @@ fn next_steps(found: &CheckReport, store: &Store, verdict: &Verdict) -> Vec<Stri
             "the command that began it goes on; `--allow-incomplete` accepts the parts that are there".to_owned()
         }
         Check::Closure | Check::Reciprocity => closer(),
-        Check::Escaped | Check::Winding | Check::Entries => inspect.clone(),
+        Check::Escaped => inspect.clone(),
+        Check::Winding | Check::Entries => {
+            format!("{inspect}; `compute --flip all` turns a model round that is wound outwards")
+        }
         Check::Sky => format!("`hemicube sky {scene} --matrix {matrix}` computes the sky rows anew"),
         _ => "it is damaged: compute it again with `--overwrite`".to_owned(),
     });

@@ -1296,12 +1296,20 @@ fn warn_of_backs(report: &Report, arguments: &Arguments, talk: Talk) {
     talk.warn(&if report.is_two_sided {
         format!(
             "{} covered by other surfaces in more than half of the view; `hemicube inspect {scene}` says where",
-            if rows == 1 { "1 patch is".to_owned() } else { format!("{} patches are", count(rows)) },
+            if rows == 1 {
+                "1 patch is".to_owned()
+            } else {
+                format!("{} patches are", count(rows))
+            },
         )
     } else {
         format!(
-            "{} mostly backs of surfaces: inside a solid, or wound the wrong way; `hemicube inspect {scene}` says where",
-            if rows == 1 { "1 patch sees".to_owned() } else { format!("{} patches see", count(rows)) },
+            "{} mostly backs of surfaces; `hemicube inspect {scene}` says where, and why",
+            if rows == 1 {
+                "1 patch sees".to_owned()
+            } else {
+                format!("{} patches see", count(rows))
+            },
         )
     });
 }
