@@ -449,7 +449,11 @@ impl Layered {
 pub(crate) fn refusal(command: &Command, name: &str, words: &[String]) -> Option<String> {
     let arg = argument(command, name)?;
     let mut line: Vec<OsString> = vec!["hemicube".into()];
-    line.extend(words.iter().map(|word| format!("--{name}={word}").into()));
+    let is_positional = arg.is_positional();
+    line.extend(words.iter().map(|word| match is_positional {
+        true => word.into(),
+        false => format!("--{name}={word}").into(),
+    }));
     let error = Command::new("hemicube")
         .arg(arg.clone())
         .try_get_matches_from(line)

@@ -218,11 +218,11 @@ fn a_patch_of_several_materials_or_objects_has_the_values_on_which_their_tables_
         ),
     ] {
         let found = solved(store, &tables, "").is(0);
-        let heat = heat_of(&found.err, "lower");
+        let heat = heat_of(&found.out, "lower");
         assert!((heat / exact - 1.0).abs() < 1e-3, "{tables}: {heat} {exact}");
     }
     let all = solved("material", "[object.\"*\"]\ntemperature = 400\n", "").is(0);
-    assert!(all.err.contains("paint     1        20.000"), "{}", all.err);
+    assert!(all.out.contains("paint     1        20.000"), "{}", all.out);
     // What they say differently is nobody's, and was the default's without a word.
     for (store, tables, words) in [
         (

@@ -112,7 +112,7 @@ fn patches_of_several_optics_are_refused_by_name() {
         .is(2)
         .says(&["object `x0`", "different optics", "--by face"]);
     for kind in ["face", "material"] {
-        place.line(&format!("{line} --patches {kind}")).is(0);
+        place.line(&format!("{line} --by {kind}")).is(0);
         assert_eq!(place.line("check store --json").json()["ok"], true);
     }
 }

@@ -219,7 +219,7 @@ fn the_first_day() {
         "{json}"
     );
 
-    let inspected = place.line("inspect room.obj").is(0);
+    let inspected = place.line("inspect room.obj -v").is(0);
     for word in ["1,000", "area", "octree", "occlusion", "on disk", "unit"] {
         assert!(inspected.out.contains(word), "`{word}` is not in {}", inspected.out);
     }
@@ -297,9 +297,10 @@ fn help_fits_a_screen_and_names_everything() {
         );
         let long = place.line(&format!("{command} --help")).is(0);
         for word in ["Environment:", "Exit status:", "HEMICUBE_", "130"] {
-            // The program's own is a list of commands.
+            // The program's own is a list of commands, and a list of backends ends at once.
+            let is_short = command.is_empty() || command == "backends list" && word == "130";
             assert!(
-                command.is_empty() || long.out.contains(word),
+                is_short || long.out.contains(word),
                 "`{word}` is not in `{command} --help`"
             );
         }
@@ -594,7 +595,7 @@ fn settings_come_in_layers() {
     place.write("printed.toml", &text);
     assert_eq!(
         printed(&place, "--config printed.toml")["emitters = [\"x*\"]"],
-        "printed.toml:25"
+        "printed.toml:19"
     );
 
     // They hold for the run, and `inspect` shares what it knows.
@@ -1202,5 +1203,5 @@ fn an_option_of_another_command_is_said_to_be() {
         .says(&["`--min-factor` is an option of `compute`"]);
     let sky = place.line("sky a.obj --config=none").is(2);
     assert!(!sky.err.contains("--no-timings'"), "{}", sky.err);
-    sky.says(&["`--config=none` is an option of `compute`"]);
+    sky.says(&["`--config` is an option of `compute`"]);
 }

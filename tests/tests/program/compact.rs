@@ -284,7 +284,7 @@ fn balance_says_by_its_exit_code_how_it_went() {
 
     let help = run(&place, "balance --help", 0);
     let help = String::from_utf8_lossy(&help.stdout).into_owned();
-    assert!(help.contains("130  interrupted; OUT is not there") && !help.contains("what was computed is kept"));
+    assert!(help.contains("130  interrupted; OUT is not there") && !help.contains("finished parts are kept"));
     let help = run(&place, "compute --help", 0);
-    assert!(String::from_utf8_lossy(&help.stdout).contains("130  interrupted; what was computed is kept"));
+    assert!(String::from_utf8_lossy(&help.stdout).contains("130  interrupted; finished parts are kept"));
 }

@@ -208,27 +208,27 @@ fn another_scene_and_other_settings_are_refused_by_name() {
     for (line, words) in [
         (
             "compute city.obj -q --correction pixel --resolution 64",
-            &["it was computed with `--resolution 32`, and here it is with `--resolution 64`"][..],
+            &["it was computed with resolution 32, and here it is with resolution 64"][..],
         ),
         (
             "compute city.obj -q",
-            &["with `--correction pixel`, and here it is with `--correction tolerance`"],
+            &["with correction pixel, and here it is with correction tolerance"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --rows 0..100",
-            &["with all rows, and here it is with `--rows 0..100`"],
+            &["with all rows, and here it is with rows 0..100"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --min-factor 1e-4",
-            &["without `--min-factor`, and here it is with `--min-factor 0.0001`"],
+            &["without min factor, and here it is with min factor 0.0001"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --form compact",
-            &["its form (`--form`) is plain, here it is compact"],
+            &["its form is plain, here it is compact"],
         ),
         (
             "compute city.obj -q --correction pixel --resolution 32 --split 2",
-            &["with uncut triangles, and here it is with `--split 2`"],
+            &["with uncut triangles, and here it is with split 2"],
         ),
         (
             "compute other.obj -q --correction pixel --resolution 32",

@@ -837,7 +837,7 @@ fn menus_fit_narrow_screens() {
         fits(CHANGE);
         // To the last item and back, through all pages of the menu.
         terminal.type_in(UP);
-        terminal.waits("the last item", |screen| screen.contains("\n> 13 - Back"));
+        terminal.waits("the last item", |screen| screen.contains("\n> 11 - Back"));
         fits(CHANGE);
         terminal.type_in(DOWN);
         terminal.waits("the first item", |screen| screen.contains("\n>  1 - tolerance"));

@@ -33,7 +33,7 @@ fn a_matrix_that_compute_warned_of_is_doubtful_and_no_error() {
         "{checked}"
     );
     assert!(
-        checked.contains("backs in more than half of the view") && !checked.contains("Everything holds"),
+        checked.contains("2 rows see mostly backs of surfaces") && !checked.contains("Everything holds"),
         "{checked}"
     );
     let report = place.line("check box --json").is(0).json();

@@ -386,7 +386,7 @@ fn what_needs_one_material_says_so() {
     place
         .line("compute room.obj -o objects -q")
         .is(2)
-        .says(&["it was computed with `--by object`, and here it is without"]);
+        .says(&["it was computed with patches object, and here it is without"]);
     // By material everything has one.
     place.line("compute room.obj -o materials --by material -q").is(0);
     place
@@ -541,7 +541,9 @@ fn values_of_patches_are_on_all_of_their_triangles() {
     place
         .line("balance objects -o balanced --closure --reciprocity -q")
         .is(0);
-    place.line("check balanced -q --closure 1e-5 --reciprocity 1e-5").is(0);
+    place
+        .line("check balanced -q --max-closure 1e-5 --max-reciprocity 1e-5")
+        .is(0);
     place.line("compare balanced objects -q").is(0);
 }
 
