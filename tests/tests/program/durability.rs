@@ -551,7 +551,7 @@ fn messages_can_be_json() {
     assert!(said.iter().any(|line| {
         line["message"]
             .as_str()
-            .is_some_and(|text| text.contains("1,000 patches"))
+            .is_some_and(|text| text.contains("1,000 rows in "))
     }));
     let failed = place
         .line("compute city.obj -o m --tolerance 5% --log-format json")
@@ -739,9 +739,9 @@ fn memory_is_kept_within_what_is_given() {
     place
         .line(&format!("{said} -o m --memory 2M"))
         .is(2)
-        .says(&["`--memory` of 2", "hint: "]);
+        .says(&["of the 2.0 MB allowed are left", "hint: "]);
     let report = place
-        .line(&format!("{said} -o m --memory 64M --threads 64 --json"))
+        .line(&format!("{said} -o m --memory 64M --threads 64 --json -v"))
         .is(0);
     assert!(report.err.contains(" of 64, to keep within 64"), "{}", report.err);
     let peak = report.json()["peak_memory_bytes"].as_u64().expect("a number");
