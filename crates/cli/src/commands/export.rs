@@ -105,7 +105,8 @@ pub(crate) struct Arguments {
     ))]
     results: bool,
     #[arg(long, value_name = "SCENE", help_heading = "Patches", help = format!(
-        "The scene that the matrix is of: it has the corners that {} need",
+        "The scene that the matrix is of: it has the corners that {} need [default: the one that the matrix names, where it \
+         is found]",
         patch_extensions(PatchFormat::needs_corners, " and "),
     ))]
     pub(crate) scene: Option<PathBuf>,
