@@ -541,10 +541,10 @@ pub fn errors(reference: &[ReferenceRow], found: &BTreeMap<u32, Found>, toleranc
     let relative = |squared: f64| if norm > 0.0 { squared / norm } else { squared };
     let count = |values: &[Off], is: &dyn Fn(&Off) -> bool| values.iter().filter(|off| is(off)).count() as f64;
     // NaN is within nothing.
-    let beyond = |values: &[Off]| count(values, &|off| !(off.off <= tolerance + 3.0 * off.noise));
+    let beyond = |values: &[Off]| count(values, &|off| is_beyond(off.off, tolerance + 3.0 * off.noise));
     let unsaid = |values: &[Off]| {
         count(values, &|off| {
-            !(off.off <= tolerance.max(3.0 * off.expected) + 3.0 * off.noise)
+            is_beyond(off.off, tolerance.max(3.0 * off.expected) + 3.0 * off.noise)
         })
     };
     let rms = |values: &[Off]| {
@@ -838,6 +838,11 @@ pub fn summary(cells: &[Cell]) -> String {
         .expect("a string");
     }
     text
+}
+
+/// Returns whether an error is above a bound; one that is no number is.
+fn is_beyond(error: f64, bound: f64) -> bool {
+    error.partial_cmp(&bound).is_none_or(std::cmp::Ordering::is_gt)
 }
 
 #[cfg(test)]

@@ -642,6 +642,15 @@ fn spent_seconds(process: &Path) -> Option<f64> {
     Some((fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?) * 0.01)
 }
 
+/// The program: beside the folder of this example, where one build puts both.
+fn program() -> Result<std::path::PathBuf> {
+    let own = std::env::current_exe().context("the example's own path")?;
+    let name = format!("hemicube{}", std::env::consts::EXE_SUFFIX);
+    let folders = own.ancestors().skip(1).take(2);
+    let found = folders.map(|folder| folder.join(&name)).find(|path| path.is_file());
+    found.context("the program is not beside the example: `cargo build --release -p hemicube-cli`")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -680,13 +689,4 @@ mod tests {
         first.sort_by(f64::total_cmp);
         assert_eq!(first, [0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875]);
     }
-}
-
-/// The program: beside the folder of this example, where one build puts both.
-fn program() -> Result<std::path::PathBuf> {
-    let own = std::env::current_exe().context("the example's own path")?;
-    let name = format!("hemicube{}", std::env::consts::EXE_SUFFIX);
-    let folders = own.ancestors().skip(1).take(2);
-    let found = folders.map(|folder| folder.join(&name)).find(|path| path.is_file());
-    found.context("the program is not beside the example: `cargo build --release -p hemicube-cli`")
 }
