@@ -84,7 +84,6 @@ pub(crate) fn of_properties(step: &PropertyStep) -> String {
             }
         }
         PropertyStep::Words(words) => words.clone(),
-        other => format!("{other:?}"),
     }
 }
 
@@ -116,7 +115,6 @@ fn of_export(step: &UnfitStep, store: &Path) -> String {
                 .to_owned()
         }
         UnfitStep::Words(words) => words.clone(),
-        other => format!("{other:?}"),
     }
 }
 

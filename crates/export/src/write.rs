@@ -88,7 +88,6 @@ pub enum Error {
 
 /// What helps against [`Error::Unfit`]; front ends have their own words for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum UnfitStep {
     /// In words.
     Words(String),

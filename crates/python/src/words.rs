@@ -38,7 +38,6 @@ pub(crate) fn of_properties(step: &PropertyStep) -> String {
             }
         }
         PropertyStep::Words(words) => words.clone(),
-        other => format!("{other:?}"),
     }
 }
 
@@ -61,7 +60,6 @@ pub(crate) fn of_export(step: &UnfitStep) -> String {
              house in the modeller, or `exclude` its object; `flip` turns what faces inwards"
         }
         UnfitStep::Words(words) => words,
-        other => return format!("{other:?}"),
     }
     .to_owned()
 }

@@ -274,6 +274,8 @@ fn in_words(name: &str, value: &Value) -> String {
     let shown = name.replace('_', " ");
     let with = |value: &dyn std::fmt::Display| format!("with {shown} {value}");
     match value {
+        Value::Null if name == "patches" => "with rows by triangle".to_owned(),
+        Value::String(kind) if name == "patches" => format!("with rows by {kind}"),
         Value::Null => format!("without {shown}"),
         Value::Array(globs) if globs.is_empty() => format!("without {shown}"),
         Value::Array(globs) => {

@@ -386,7 +386,7 @@ fn what_needs_one_material_says_so() {
     place
         .line("compute room.obj -o objects -q")
         .is(2)
-        .says(&["it was computed with patches object, and here it is without"]);
+        .says(&["it was computed with rows by object, and here it is with rows by triangle"]);
     // By material everything has one.
     place.line("compute room.obj -o materials --by material -q").is(0);
     place

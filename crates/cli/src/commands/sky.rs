@@ -793,9 +793,9 @@ impl Task<'_> {
         let patches = &self.prepared.patches;
         let (names, of_patch) = surfaces_of(self.prepared, by);
         let suns = self.suns.len();
-        // Of each surface and sun: projected and sunlit, both as seen from the sun, and sunlit on the surface.
+        // Of each surface and sun.
         let mut areas = vec![0.0; names.len()];
-        let mut found = vec![[0.0; 3]; names.len() * suns];
+        let mut found = vec![Projected::default(); names.len() * suns];
         for (at, patch) in patches.iter().enumerate() {
             let (normal, area, surface) = (patches.normal(patch), patches.area(patch), of_patch[at]);
             areas[surface] += area;
@@ -804,29 +804,35 @@ impl Task<'_> {
                 let share = f64::from(lit[at * suns + sun]);
                 let hidden = if self.horizon.is_below(*direction) { 0.0 } else { 1.0 };
                 let of = &mut found[surface * suns + sun];
-                of[0] += area * cosine * hidden;
-                of[1] += area * cosine * share;
-                of[2] += area * share;
-            }
-        }
-        let mut text = format!(
-            "sun,x,y,z,{},area,projected_area,sunlit_projected_area,sunlit_area\n",
-            by.name()
-        );
-        for (sun, direction) in self.suns.iter().enumerate() {
-            let [x, y, z] = direction.to_array();
-            for (surface, name) in names.iter().enumerate() {
-                let [projected, sunlit, on_surface] = found[surface * suns + sun];
-                text.push_str(&format!(
-                    "{sun},{x},{y},{z},{},{},{projected},{sunlit},{on_surface}\n",
-                    crate::table::field(name),
-                    areas[surface]
-                ));
+                of.projected += area * cosine * hidden;
+                of.sunlit += area * cosine * share;
+                of.on_surface += area * share;
             }
         }
         let cannot = || format!("`{}` cannot be written", path.display());
         let mut file = PendingFile::create(path)?;
-        file.write_all(text.as_bytes()).with_context(cannot)?;
+        let mut out = std::io::BufWriter::new(&mut file);
+        let head = "area,projected_area,sunlit_projected_area,sunlit_area";
+        writeln!(out, "sun,x,y,z,{},{head}", by.name()).with_context(cannot)?;
+        for (sun, direction) in self.suns.iter().enumerate() {
+            let [x, y, z] = direction.to_array();
+            for (surface, name) in names.iter().enumerate() {
+                let Projected {
+                    projected,
+                    sunlit,
+                    on_surface,
+                } = found[surface * suns + sun];
+                writeln!(
+                    out,
+                    "{sun},{x},{y},{z},{},{},{projected},{sunlit},{on_surface}",
+                    table::field(name),
+                    areas[surface]
+                )
+                .with_context(cannot)?;
+            }
+        }
+        out.flush().with_context(cannot)?;
+        drop(out);
         file.commit()
     }
 
@@ -1134,15 +1140,25 @@ fn require_memory(arguments: &Arguments, prepared: &Prepared, points: usize, sun
     let division = SkyDivision::new(arguments.division.0).context("the sky cannot be divided like that")?;
     let rows = (prepared.patches.len() + points) as u64;
     let columns = u64::from(division.columns()) / 2 * size_of::<(u32, u64)>() as u64;
-    let is_table_alone = arguments.tables().next().is_some() && arguments.folders().next().is_none();
-    let lit = if is_table_alone && arguments.matrix.is_none() {
-        0
-    } else {
-        2 * size_of::<f32>() as u64 * suns as u64
-    };
+    let lit = 2 * size_of::<f32>() as u64 * suns as u64;
+    // A surface has a patch at least.
+    let by_surface = arguments.by.map_or(0, |_| size_of::<Projected>() as u64 * suns as u64);
     let what = format!("keeping {} of the sky", counted(rows, "row"));
     let next = "a coarser `--division`, and fewer suns at a time, take less";
-    forecast::require(prepared.budget, rows.saturating_mul(columns + lit), &what, next)
+    forecast::require(
+        prepared.budget,
+        rows.saturating_mul(columns + lit + by_surface),
+        &what,
+        next,
+    )
+}
+
+/// What of a surface faces a sun, and what of that it lights: as seen from the sun, and on the surface.
+#[derive(Clone, Copy, Debug, Default)]
+struct Projected {
+    projected: f64,
+    sunlit: f64,
+    on_surface: f64,
 }
 
 /// Names of surfaces, in the order of their first elements, and the surface of each element.

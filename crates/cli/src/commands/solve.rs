@@ -8,6 +8,7 @@ mod surfaces;
 use crate::args::{By, EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
 use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
+use crate::forecast;
 use crate::help::examples;
 use crate::materials;
 use crate::outputs::Paths;
@@ -26,6 +27,7 @@ use hemicube::solve::{
     SolutionWriter, SolveError, SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
+use hemicube_scene::Budget;
 use hemicube_spatial::whole;
 use serde::Serialize;
 use std::io::Write;
@@ -642,6 +644,11 @@ impl<'a> Task<'a> {
                 record.unsettled = record.unsettled.take().or(exchange.unsettled(&found));
                 keep(writer, &found.solution, Some(&found.temperature), self.row_table)?;
                 let results = exchange.by_surface(self.table, self.row_table, &found, enclosures);
+                if record.balance.len() == 1 {
+                    let what = format!("results by surface of {}", counted(self.rows, "moment"));
+                    let bytes = self.rows.saturating_mul(results.bytes());
+                    forecast::require(Budget::default(), bytes, &what, "solve for fewer moments at a time")?;
+                }
                 record
                     .by_surface
                     .add(record.moments.get(record.balance.len() - 1), results);

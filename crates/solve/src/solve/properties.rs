@@ -45,7 +45,6 @@ pub struct PropertyError {
 
 /// What helps against a [`PropertyError`]; front ends have their own words for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum PropertyStep {
     /// In words.
     Words(String),

@@ -129,9 +129,9 @@ pub(super) struct Moments {
 impl Moments {
     /// Adds the results of the next moment, with its name where it has one.
     pub(super) fn add(&mut self, name: Option<&String>, results: Results) {
-        match (name, self.by_surface.take()) {
-            (None, _) => self.by_surface = Some(results),
-            (Some(name), _) => self.of_moments.push((name.clone(), results)),
+        match name {
+            None => self.by_surface = Some(results),
+            Some(name) => self.of_moments.push((name.clone(), results)),
         }
     }
 
@@ -300,6 +300,11 @@ impl Results {
             emissivities_of_scene: None,
             left: ROUNDING * balance.given_off.max(-balance.taken_up),
         }
+    }
+
+    /// Memory that they take, names apart.
+    pub(super) fn bytes(&self) -> u64 {
+        (self.surfaces.len() * size_of::<SurfaceHeat>() + size_of::<Self>()) as u64
     }
 
     /// With the relative residual of the iteration.
