@@ -291,8 +291,8 @@ mod tests {
             of_rows[1].starts_with("`--rows` is an option of `compute`"),
             "{of_rows:?}"
         );
-        let of_config = tips(&["hemicube", "sky", "a.obj", "--no-config"], "--no-config");
-        assert_eq!(of_config.len(), 1, "{of_config:?}");
+        let of_shard = tips(&["hemicube", "sky", "a.obj", "--shard"], "--shard");
+        assert_eq!(of_shard, ["`--shard` is an option of `compute`"]);
         assert!(tips(&["hemicube", "sky", "--nonsense"], "--nonsense").is_empty());
     }
 

@@ -702,6 +702,7 @@ mod tests {
             "verbose",
             "no-progress",
             "log-format",
+            "color",
             // Each process has its own.
             "shard",
             "progress-file",
@@ -735,11 +736,11 @@ mod tests {
     #[test]
     fn values_become_the_words_of_flags() {
         let read =
-            layers("resolution = 512\n\n# why\nscale=1e-3\nemitters = ['a*', \"b\"]\nrotation = 'off'\n").unwrap();
+            layers("resolution = 512\n\n# why\nscale=1e-3\nemitters = ['a*', \"b\"]\nkeep-duplicates = 'off'\n").unwrap();
         assert_eq!(read.0["resolution"].words, ["512"]);
         assert_eq!(read.0["scale"].words, ["1e-3"]);
         assert_eq!(read.0["emitters"].words, ["a*", "b"]);
-        assert!(matches!(read.0["rotation"].origin, Origin::Project(_, 6)));
+        assert!(matches!(read.0["keep-duplicates"].origin, Origin::Project(_, 6)));
         assert!(layers("resolution = { n = 3 }").is_err() && layers("x = = 3").is_err());
     }
 

@@ -196,7 +196,7 @@ mod tests {
         none.take(1, "rows");
         let refused = none.require("fewer rows").expect_err("nothing is allowed").to_string();
         assert!(
-            refused.starts_with("rows takes 67.1 MB, and `--memory` of 0.0 MB has 0.0 MB left"),
+            refused.starts_with("rows takes 67.1 MB, and 0.0 MB of the 0.0 MB allowed are left"),
             "{refused}"
         );
     }

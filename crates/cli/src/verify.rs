@@ -779,8 +779,8 @@ mod tests {
             )
         };
         for (tolerance, exit, says) in [
-            (Some(0.03), Exit::NotHeld, "3%: FAILED: not kept"),
-            (Some(0.05), Exit::Done, "5%: kept"),
+            (Some(0.03), Exit::NotHeld, "FAILED, 3 % is not kept"),
+            (Some(0.05), Exit::Done, "5 % kept"),
             (None, Exit::Done, "4.0 % relative Frobenius"),
         ] {
             let verification = verify(tolerance);

@@ -42,9 +42,10 @@ pub enum ErrorKind {
     NoRoom(NoRoom),
 }
 
-/// Why a file could not be read, as the end of a sentence.
+/// Why a file could not be read, as the end of a sentence; a reader's own words where it has some.
 fn unreadable(error: &std::io::Error) -> String {
     match error.kind() {
+        _ if error.get_ref().is_some() => format!("cannot be read: {error}"),
         std::io::ErrorKind::NotFound => "does not exist".to_owned(),
         _ => format!("cannot be read: {error}"),
     }

@@ -216,8 +216,8 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     );
     place.fails("view model F cube.obj -o x.jpg --show seen", &[".png or .svg"]);
     place.fails("sky cube.obj -o sky", &["which axis points up", "--up"]);
-    place.fails("sky cube.obj --up z -o sky --split 2 --split 2", &["three ways to cut"]);
-    place.fails("sky cube.obj -o sky --matrix F", &["cannot be used with"]);
+    place.fails("sky cube.obj --up z -o sky --split 2 --split 2", &["--split", "multiple times"]);
+    place.fails("sky cube.obj -o sky --matrix F", &["`-o sky` is a second directory"]);
     place.line("compute cube.obj --split 2 --rows 0..5 -o G --config=none");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");
     place.fails("solve G --materials lit.toml", &["rows of 5 patches only"]);
@@ -923,7 +923,7 @@ fn the_sky_as_a_table() {
     place.write("suns.txt", "0 1 0\n");
     place.fails(
         "sky city.obj --up y -o b.csv --suns suns.txt",
-        &["no place for what `--suns`"],
+        &["what `--suns` asks for", "-o DIR", "--by object"],
     );
 }
 

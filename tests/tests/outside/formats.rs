@@ -91,6 +91,8 @@ fn known(store: &Store) -> BTreeMap<String, Vec<Option<f64>>> {
     ]);
     if rows.error.iter().any(|error| !error.is_nan()) {
         known.insert("error".to_owned(), reals(&rows.error));
+        known.insert("sum_error".to_owned(), reals(&rows.sum_error));
+        known.insert("escaped_error".to_owned(), reals(&rows.escaped_error));
     }
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let of = |vectors: &[[f64; 3]]| vectors.iter().map(|v| Some(v[axis])).collect::<Vec<_>>();

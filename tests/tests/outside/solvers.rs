@@ -333,7 +333,7 @@ fn what_a_solver_lacks_is_said_with_the_next_step() {
     place
         .line("export JB --for udales -o vfsparse.inp.002")
         .is(0)
-        .says(&["nothing but backs", "touch: 4, the first face `6`"]);
+        .says(&["no other's front", "touch: 4, the first face `6`"]);
     let (found, sky, _) = udales(&text(&place, "vfsparse.inp.002"), &text(&place, "svf.inp.002"));
     for (facet, (row, sky)) in found.iter().zip(&sky).enumerate() {
         let sum = row.iter().sum::<f64>() + sky;

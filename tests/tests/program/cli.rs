@@ -617,7 +617,7 @@ fn settings_come_in_layers() {
         ("culling = true\n", ["bad.toml:1", "`culling`", "quotes"]),
         ("a = [\n", ["bad.toml:", "error", ""]),
         ("[compute]\nresolution = 3\n", ["bad.toml:1", "`compute`", ""]),
-        ("split = 2\nsubdivide = 1\n", ["bad.toml:1", "bad.toml:2", "exclude"]),
+        ("split = 2\npatch-size = 1\n", ["bad.toml:1", "bad.toml:2", "exclude"]),
         ("keep-duplicates = \"perhaps\"\n", ["bad.toml:1", "on, off", ""]),
     ] {
         place.write("bad.toml", text);

@@ -482,7 +482,7 @@ fn a_line_that_does_not_hold_is_found() {
         "compute yard.obj -o out ++ --quiet = verbose",
         "compute yard.obj -o out ++ --verbose = json",
         // It says its times, and so differs from itself.
-        "inspect yard.obj --json ++ --split 2 = changes",
+        "compute yard.obj -o out --verbose ++ --seed 5 = changes",
     ] {
         assert!(fixture.fault(&Row::parse(1, wrong), &helps).is_some(), "{wrong}");
     }

@@ -70,7 +70,7 @@ fn a_double_store_goes_through_every_command() {
         .is(0)
         .says(&["kB, double"]);
     let store = Store::open(&place.path("double")).expect("a store");
-    assert_eq!((store.manifest().form, store.manifest().version), (Form::Double, 4));
+    assert_eq!((store.manifest().form, store.manifest().version), (Form::Double, 5));
     let wide = doubles(&store);
     // Equal entries, with more digits of each than f32 holds.
     let plain = Store::open(&place.path("plain")).expect("a store");
@@ -101,9 +101,9 @@ fn a_double_store_goes_through_every_command() {
         "compare double plain",
         "solve double --materials materials.toml",
         "exchange double --by object --materials materials.toml",
-        "sky room.obj --up z --form double",
+        "sky room.obj --up z",
         "report double room.obj --up z -o page.html",
-        "view hemicube room.obj --patch 3 --form double -o hemicube.png",
+        "view hemicube room.obj --patch 3 -o hemicube.png",
         "view model double room.obj --up z --show row --patch 3 -o row.png",
         "view sparsity double -o sparsity.png",
         "export double -o F.npz",

@@ -171,7 +171,7 @@ fn a_model_wound_outwards_is_named_and_an_empty_matrix_never_holds() {
     place.line(&format!("compute out.obj {of}")).is(0);
     let checked = place.line("check G").is(1).out;
     assert!(
-        checked.contains("winding: 1 case") && checked.contains("`--flip all`"),
+        checked.contains("winding: 1 case") && checked.contains("`compute --flip all`"),
         "{checked}"
     );
     let report = place.line("check G --json").is(1).json();

@@ -510,9 +510,13 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
     ];
     for (option, is_asked) in asked {
         if is_asked && output.is_none() {
+            let of_suns = match option {
+                "--suns" => "; `--by object` has tables of suns by surface",
+                _ => "",
+            };
             return Err(hinted(
-                anyhow!("what `{option}` asks for is neither in the summary nor in a .csv"),
-                "name a directory for it by `-o DIR`, or a matrix by `--matrix DIR`",
+                anyhow!("what `{option}` asks for is not in a table of patches"),
+                &format!("name a directory for it by `-o DIR`, or a matrix by `--matrix DIR`{of_suns}"),
             ));
         }
     }

@@ -573,25 +573,24 @@ mod tests {
             .collect();
         assert_eq!(front, ["pixel K=1 N=128", "tolerance 1%", "tolerance 0.1%"]);
 
-        let recommended = |words: &[&str]| {
+        let of = |trials: &[Trial], words: &[&str]| {
             let arguments = arguments(words);
-            recommend(&trials, &arguments, "x/a b.obj".as_ref(), 1000, 2).map(|best| best.command)
+            recommend(trials, &arguments, "x/a b.obj".as_ref(), 1000, 2).map(|best| best.command)
         };
+        let recommended = |words: &[&str]| of(&trials, words);
         assert_eq!(
             recommended(&["--tolerance", "1%"]).as_deref(),
             Some("hemicube compute 'x/a b.obj' -o 'a b.hemicube' --tolerance 1%")
         );
         assert_eq!(
-            recommended(&[
-                "--tolerance",
-                "5%",
-                "--split",
-                "4",
-                "--scale",
-                "0.5",
-                "--keep-duplicates"
-            ])
-            .as_deref(),
+            recommended(&["--tolerance", "5%"]).as_deref(),
+            Some("hemicube compute 'x/a b.obj' -o 'a b.hemicube' --tolerance 1%"),
+            "what promises 5 % goes before what is cheaper"
+        );
+        let more = ["--tolerance", "5%", "--split", "4", "--scale", "0.5", "--keep-duplicates"];
+        let sums_of_pixels = [trial(pixels(2), 2.0, 0.03), trial(pixels(1), 0.5, 0.02)];
+        assert_eq!(
+            of(&sums_of_pixels, &more).as_deref(),
             Some(
                 "hemicube compute 'x/a b.obj' -o 'a b.hemicube' --split 4 --scale 0.5 --keep-duplicates \
                  --correction pixel --samples 1 --resolution 128"

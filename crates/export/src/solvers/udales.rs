@@ -6,7 +6,8 @@
 //! and sky sum to 1, reciprocity).
 //!
 //! Facets are the triangles of the STL file in order, from 1. svf_i = 1 − Σ_j F_ij of what is written. A facet that sees
-//! nothing but backs is covered by another house, or lies under one: no air is on it, svf_i = 0, and it keeps its number.
+//! no other's front and mostly backs is covered by another house, or lies under one: no air is on it, svf_i = 0, and it
+//! keeps its number. What it sees besides backs is where the house is open below.
 
 use super::{SolverJob, SolverWriter};
 use crate::faces::{Face, Faces, Found, Grouping, Needs, Sums};
@@ -16,8 +17,11 @@ use hemicube_solve::analysis::zones::GroupBy;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Share of a row on backs that may count as sky.
+/// Share of a row on backs that may count as sky. A choice: more errs by more, less refuses scenes for their seams.
 const BLOCKED: f64 = 0.01;
+/// Share of a row on backs from which a facet that sees no other's front is inside a house. A choice: with less, a roof
+/// below a chimney that is wound the wrong way counts as covered; with more, a wall over an open floor is refused.
+const INSIDE: f64 = 0.5;
 const PREFIX: &str = "vfsparse.inp.";
 
 pub(crate) struct Udales;
@@ -88,8 +92,8 @@ impl SolverWriter for Udales {
         let mut covered = (0..faces.len()).filter(|&place| is_covered(&faces.faces[place]));
         let Some(first) = covered.next() else { return set };
         format!(
-            "{set}; facets that see nothing but backs, as where joined houses touch: {}, the first {}; their sky view \
-             factor is 0",
+            "{set}; facets that see backs and no other's front, as where joined houses touch: {}, the first {}; their \
+             sky view factor is 0",
             1 + covered.count(),
             faces.named(first)
         )
@@ -98,5 +102,6 @@ impl SolverWriter for Udales {
 
 /// Returns whether a facet lies against another, or under a house.
 fn is_covered(face: &Face) -> bool {
-    face.blocked >= 1.0 - BLOCKED
+    let fronts = 1.0 - face.escaped - face.blocked;
+    face.blocked >= INSIDE && fronts < BLOCKED
 }

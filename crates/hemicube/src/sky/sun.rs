@@ -1,13 +1,15 @@
 //! Sunlight on patches: means over points of a patch, as many as an error asks for.
 //!
-//! A patch is cut into n² equal triangles, with a point in each. First n² ≥ 1 / error: a shadow that covers one of them is
-//! found. Where the points differ, the patch is partly lit, and a shadow's edge crosses about n of its triangles; each of
-//! them errs by half of its area, independently. The standard error of the mean is ½ √n / n² = ½ n^(−3/2); three of them
-//! are the error for n = (⅔ error)^(−2/3).
+//! n² points fill a patch evenly, as if each had a triangle of its own. First n² ≥ 1 / error: a shadow that covers one of
+//! these is found. Where the points differ, the patch is partly lit, and a shadow's edge crosses about n triangles; each
+//! of them errs by half of its area, independently. The standard error of the mean is ½ √n / n² = ½ n^(−3/2); three of
+//! them are the error for n = (⅔ error)^(−2/3).
+//!
+//! The points are an additive recurrence (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018):
+//! those of a lattice err together where a shadow's edge runs along it, as along the edges of a wall.
 
 use super::Horizon;
 use crate::Model;
-use crate::frame::sample_points;
 use crate::points::threads_of;
 use crate::reference::{Reference, ReferenceError, ReferenceSettings};
 use glam::DVec3;
@@ -24,12 +26,11 @@ pub(super) fn mean_over(corners: [DVec3; 3], error: f64, mut value: impl FnMut(D
     let along = |n: f64| whole::to_u32(n.ceil().clamp(1.0, MOST_ALONG));
     let mut mean = |n: u32| {
         let (mut sum, mut least, mut most) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
-        let points = sample_points(corners, n);
-        for &point in &points {
-            let value = value(point);
+        for index in 0..n * n {
+            let value = value(point_of(corners, index));
             (sum, least, most) = (sum + value, least.min(value), most.max(value));
         }
-        (sum / points.len() as f64, most > least)
+        (sum / f64::from(n).powi(2), most > least)
     };
     let first = along(error.powf(-0.5));
     let (found, differs) = mean(first);
@@ -37,8 +38,18 @@ pub(super) fn mean_over(corners: [DVec3; 3], error: f64, mut value: impl FnMut(D
     if differs && fine > first { mean(fine).0 } else { found }
 }
 
-/// The share of each patch lit by each sun, directly, within `error` (three standard errors): a row a patch, a number a sun. 0 for patches
-/// turned away, and for suns below the horizon. Directions are towards the suns.
+/// A point of the sequence that fills a triangle: the square's, folded along its diagonal.
+fn point_of([a, b, c]: [DVec3; 3], index: u32) -> DVec3 {
+    // The real root of g³ = g + 1.
+    const G: f64 = 1.324_717_957_244_746;
+    let at = |step: f64| (f64::from(index) + 1.0).mul_add(step, 0.5).fract();
+    let (u, v) = (at(1.0 / G), at(1.0 / (G * G)));
+    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    a + (b - a) * u + (c - a) * v
+}
+
+/// The share of each patch lit by each sun, directly, within `error` (three standard errors): a row a patch, a number a
+/// sun. 0 for patches turned away, and for suns below the horizon. Directions are towards the suns.
 ///
 /// # Errors
 /// When the scene has no such patch, or is too large.

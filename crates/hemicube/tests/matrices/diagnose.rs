@@ -146,7 +146,7 @@ fn crossing_lines_have_their_length_and_place() {
     near(worst.value, 0.5, 1e-12);
     assert!((worst.at - p(1.0, 1.0, 0.0)).length() < 1e-12, "{}", worst.at);
     assert_eq!((worst.patch, worst.other), (InputPatch(1), Some(InputPatch(0))));
-    assert!(crossing.next.contains("--subdivide"), "{}", crossing.next);
+    assert!(crossing.next.contains("cut them finer"), "{}", crossing.next);
 
     // Standing on it, a hair into it, over it, beside it, and joined at an edge.
     for foot in [0.0, -1e-4, 0.1] {
@@ -387,7 +387,7 @@ fn a_floor_that_is_large_beside_its_wall_is_too_large_until_it_is_cut() {
     assert!(
         large
             .next
-            .contains("`--patch-size 20` is half their size and makes 2.0 times as many"),
+            .contains("no longer than 20, half their size, is 2.0 times as many"),
         "half of {longest} in: {}",
         large.next
     );

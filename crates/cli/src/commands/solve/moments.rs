@@ -258,11 +258,10 @@ type Located = (Option<u64>, anyhow::Error);
 impl Cells {
     fn read(bytes: &[u8], number: &dyn Fn(&str) -> Result<f64>) -> Result<Self, Located> {
         let bytes = hemicube_scene::text::unmarked(bytes).map_err(|error| (None, anyhow!(error)))?;
-        let separator = match bytes.split(|&byte| byte == b'\n').next() {
-            Some(head) if !head.contains(&b',') && head.contains(&b';') => b';',
-            Some(head) if !head.contains(&b',') && head.contains(&b'\t') => b'\t',
-            _ => b',',
-        };
+        // What ends the first word of the header, `patch`, `surface` or `time`.
+        let head = bytes.split(|&byte| byte == b'\n').find(|line| !line.starts_with(b"#"));
+        let separator = head.and_then(|head| head.iter().copied().find(|byte| b",;\t".contains(byte)));
+        let separator = separator.unwrap_or(b',');
         let mut reader = csv::ReaderBuilder::new()
             .delimiter(separator)
             .comment(Some(b'#'))
