@@ -735,8 +735,8 @@ mod tests {
 
     #[test]
     fn values_become_the_words_of_flags() {
-        let read =
-            layers("resolution = 512\n\n# why\nscale=1e-3\nemitters = ['a*', \"b\"]\nkeep-duplicates = 'off'\n").unwrap();
+        let read = layers("resolution = 512\n\n# why\nscale=1e-3\nemitters = ['a*', \"b\"]\nkeep-duplicates = 'off'\n")
+            .unwrap();
         assert_eq!(read.0["resolution"].words, ["512"]);
         assert_eq!(read.0["scale"].words, ["1e-3"]);
         assert_eq!(read.0["emitters"].words, ["a*", "b"]);

@@ -216,7 +216,10 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     );
     place.fails("view model F cube.obj -o x.jpg --show seen", &[".png or .svg"]);
     place.fails("sky cube.obj -o sky", &["which axis points up", "--up"]);
-    place.fails("sky cube.obj --up z -o sky --split 2 --split 2", &["--split", "multiple times"]);
+    place.fails(
+        "sky cube.obj --up z -o sky --split 2 --split 2",
+        &["--split", "multiple times"],
+    );
     place.fails("sky cube.obj -o sky --matrix F", &["`-o sky` is a second directory"]);
     place.line("compute cube.obj --split 2 --rows 0..5 -o G --config=none");
     place.write("lit.toml", "[default]\nreflectance = 0.5\nemission = 1\n");

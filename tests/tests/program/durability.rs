@@ -248,7 +248,10 @@ fn another_scene_and_other_settings_are_refused_by_name() {
         .line(&format!("{COMPUTE} -o m --threads 1 --batch 3 --culling off"))
         .is(0);
     let line = COMPUTE.replace("city.obj", "renamed.obj").replace(" -q", "");
-    place.line(&format!("{line} -o m")).is(0).says(&["nothing was computed"]);
+    place
+        .line(&format!("{line} -o m"))
+        .is(0)
+        .says(&["nothing was computed"]);
     assert!(files(&place.path("m")) == before);
     place
         .line("compute city.obj -q --correction pixel --resolution 64 -o m --overwrite")

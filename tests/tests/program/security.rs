@@ -579,7 +579,11 @@ fn memory_is_asked_for_before_it_is_taken() {
         // It is read, and its patches take more than a picture of one.
         let ran = at_once(&place, &format!("{command} --memory 90M")).is(2);
         match command.starts_with("points") {
-            true => ran.says(&["keeping more rows takes ", " of the 90.0 MB allowed are left", "fewer points"]),
+            true => ran.says(&[
+                "keeping more rows takes ",
+                " of the 90.0 MB allowed are left",
+                "fewer points",
+            ]),
             false => ran.says(&["`--memory` of 90.0 MB: `soup.obj` would be 60,0", "allows it"]),
         };
     }

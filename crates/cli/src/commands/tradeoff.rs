@@ -587,7 +587,15 @@ mod tests {
             Some("hemicube compute 'x/a b.obj' -o 'a b.hemicube' --tolerance 1%"),
             "what promises 5 % goes before what is cheaper"
         );
-        let more = ["--tolerance", "5%", "--split", "4", "--scale", "0.5", "--keep-duplicates"];
+        let more = [
+            "--tolerance",
+            "5%",
+            "--split",
+            "4",
+            "--scale",
+            "0.5",
+            "--keep-duplicates",
+        ];
         let sums_of_pixels = [trial(pixels(2), 2.0, 0.03), trial(pixels(1), 0.5, 0.02)];
         assert_eq!(
             of(&sums_of_pixels, &more).as_deref(),

@@ -336,7 +336,10 @@ fn rows_of_a_sample_can_be_cut_and_not_closed() {
     assert_eq!(ran.result.manifest().rows_present(), 40);
     assert!(ran.report.balance.entries_dropped > 0);
     let error = refusal(&sampled, &closure(), |_| {}).to_string();
-    assert!(error.contains("40 of 97") && error.contains("compute it with all rows"), "{error}");
+    assert!(
+        error.contains("40 of 97") && error.contains("compute it with all rows"),
+        "{error}"
+    );
     // A whole matrix of selected receivers.
     let error = refusal(&sample(60, 60, 16, 4), &reciprocity(), |_| {}).to_string();
     assert!(error.contains("selected receivers"), "{error}");
