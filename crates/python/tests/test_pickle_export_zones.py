@@ -126,7 +126,7 @@ def test_every_format_is_the_programs_to_the_byte(
     scene = hemicube.Scene.load(cornell_box, split=2)
     stored, memory = hemicube.compute(scene, output=tmp_path / "box"), hemicube.compute(scene)
     for ending in ("npz", "mtx", "txt", "dat", "npy", "parquet"):
-        program("export", tmp_path / "box", tmp_path / f"theirs.{ending}", "--quiet")
+        program("export", tmp_path / "box", "-o", tmp_path / f"theirs.{ending}", "--quiet")
         for name, matrix in (("stored", stored), ("memory", memory)):
             size = matrix.export(tmp_path / f"{name}.{ending}")
             content = (tmp_path / f"{name}.{ending}").read_bytes()
@@ -137,7 +137,7 @@ def test_every_format_is_the_programs_to_the_byte(
     shown = ["--scene", cornell_box, "--show", "seen"]
     flags = {"vtp": shown[:2], "vtu": shown[:2], "glb": shown, "ply": shown, "csv": []}
     for ending, words in flags.items():
-        program("export", tmp_path / "box", tmp_path / f"theirs.{ending}", "--quiet", *words)
+        program("export", tmp_path / "box", "-o", tmp_path / f"theirs.{ending}", "--quiet", *words)
         for name, matrix in (("stored", stored), ("memory", memory)):
             matrix.export(tmp_path / f"{name}.{ending}", scene=scene if words else None)
             content = (tmp_path / f"{name}.{ending}").read_bytes()
@@ -186,7 +186,7 @@ def test_exports_are_refused_by_name(
 def test_zones_are_the_programs(cornell_box: pathlib.Path, program: Callable[..., None], tmp_path: pathlib.Path) -> None:
     scene = hemicube.Scene.load(cornell_box, split=2)
     stored, memory = hemicube.compute(scene, output=tmp_path / "box"), hemicube.compute(scene)
-    program("export", tmp_path / "box", tmp_path / "zones.csv", "--by", "object", "--quiet")
+    program("export", tmp_path / "box", "-o", tmp_path / "zones.csv", "--by", "object", "--quiet")
     with (tmp_path / "zones.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     for zones in (stored.zones(), memory.zones("object")):

@@ -283,18 +283,18 @@ def test_an_interrupt_ends_a_row_of_the_sky_in_mirrors() -> None:
     assert float(ended.stdout) < 5
 
 
-def test_another_matrix_of_portals_in_the_way_is_named_by_keywords(tmp_path: pathlib.Path) -> None:
+def test_another_matrix_of_portals_in_the_way_is_named(tmp_path: pathlib.Path) -> None:
     place = tmp_path / "street.hemicube"
     keywords = {"specular": OPTICS, **IMAGES, "repeats": 2, "correction": "pixel", "resolution": 64}
     hemicube.compute(street(), **keywords, output=place)
     other = {"object": {**OPTICS["object"], "wall": {"specular": 0.5}}}
     for change, said in (
-        ({"repeats": 3}, "with `repeats=2`, and here it is with `repeats=3`"),
-        ({"specular": other}, "with another `specular`, of `object wall`"),
-        ({"symmetry": {}}, "with `symmetry={'x': 0.5}`, and here it is without `symmetry`"),
-        ({"specular": None}, "with `specular`, and here it is without"),
-        ({"specular_bound": 0.1}, "and here it is with `specular_bound=0.1`"),
-        ({"specular": None, "symmetry": {}, "periodic": {}, "repeats": None}, "with `periodic={'y': (0, 1)}`"),
+        ({"repeats": 3}, "with repeats 2, and here it is with repeats 3"),
+        ({"specular": other}, "with other mirrors and panes, of `object wall`"),
+        ({"symmetry": {}}, "with symmetry x=0.5, and here it is without symmetry"),
+        ({"specular": None}, "with mirrors and panes, and here it is without"),
+        ({"specular_bound": 0.1}, "and here it is with specular bound 0.1"),
+        ({"specular": None, "symmetry": {}, "periodic": {}, "repeats": None}, "with periodic y=0..1"),
     ):
         with pytest.raises(hemicube.StoreError) as refused:
             hemicube.compute(street(), **{**keywords, **change}, output=place)

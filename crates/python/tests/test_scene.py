@@ -108,6 +108,7 @@ def test_files_that_are_not_there_or_no_scene(tmp_path: pathlib.Path) -> None:
     broken.write_text("v 0 0 0\nf 1 2 3\n")
     with pytest.raises(hemicube.InputError, match="broken.obj:2: "):
         hemicube.Scene.load(broken)
+    (tmp_path / "scene.xyz").write_text("")
     with pytest.raises(hemicube.InputError, match="names no scene format"):
         hemicube.Scene.load(tmp_path / "scene.xyz")
     with pytest.raises(hemicube.InputError, match="`castle` is no kind of generated scene"):

@@ -69,7 +69,7 @@ def test_what_a_callback_raises_ends_the_run() -> None:
 
 
 INTERRUPTED = """
-import os, signal, sys, threading, time
+import os, pathlib, signal, sys, threading, time
 import hemicube
 
 # Whoever started the tests in the background had interrupts ignored, and Python leaves that as it is.
@@ -97,7 +97,7 @@ try:
             scene,
             tolerance=0.002 if when == "settling" else None,
             output=directory,
-            progress=lambda done, total: begun_rows.set() if done > 0 else None,
+            progress=lambda done, total: begun_rows.set() if any(pathlib.Path(directory, "parts").glob("*.npz")) else None,
         )
 except KeyboardInterrupt:
     print(time.monotonic() - sent[0])

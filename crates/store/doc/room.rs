@@ -2,7 +2,7 @@
 // a module `room`. No run of `hemicube` makes its rows: they are known, and neither crate waits for that one.
 
 use hemicube_store::{
-    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowShares, RowSums, SceneEntry, Store, StoreWriter,
+    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowErrors, RowShares, RowSums, SceneEntry, Store, StoreWriter,
 };
 use std::path::Path;
 
@@ -78,7 +78,7 @@ pub fn parts(off: f64) -> Vec<Part> {
             part.shares.push(RowShares::of_hemicubes(&sums, 1));
             part.sums.push(sums);
             part.hemicubes.push(1);
-            part.errors.push(f32::NAN);
+            part.errors.push(RowErrors::UNKNOWN);
             part.rays.push(0);
         }
         parts.push(part);

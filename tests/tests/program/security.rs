@@ -604,7 +604,7 @@ fn memory_is_asked_for_before_it_is_taken() {
 
     place.line("generate room --patches 40 -o room.obj -q").is(0);
     place
-        .line("compute room.obj -o n --symmetry x=0 --periodic y=100 --repeats 1000 --memory 60M")
+        .line("compute room.obj -o n --symmetry x=0 --periodic y=0..600 --repeats 1000 --memory 60M")
         .is(2)
         .says(&["images of", "takes", "give fewer repeats"]);
     place.write("suns.txt", "0 0 1\n".repeat(300_000));

@@ -314,7 +314,7 @@ fn threads_batches_shards_and_kills_change_no_byte() {
         .is(0);
     let manifest = std::fs::read_to_string(place.path("plain/manifest.json")).expect("a manifest");
     assert!(
-        !manifest.contains("elements") && manifest.contains("\"version\": 2"),
+        !manifest.contains("elements") && manifest.contains("\"version\": 5"),
         "{manifest}"
     );
 }
@@ -594,7 +594,7 @@ fn verification_draws_from_large_patches_and_says_how_sure_it_is() {
     let place = Place::new();
     place.write("quads.obj", quads(6));
     let run = |more: &str| {
-        let line = format!("compute quads.obj -o F --overwrite --by object --tolerance 2% --verify 3 --json {more}");
+        let line = format!("compute quads.obj -o F --overwrite --by object --tolerance 2% --verify 3 --json -v {more}");
         place.line(&line)
     };
     // Each side has 72 triangles, 32 of which are drawn.

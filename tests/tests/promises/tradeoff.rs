@@ -210,7 +210,7 @@ fn a_run_measures_its_own_error() {
     );
     assert_eq!(verified(&format!("{drawn} 3"))["rows_computed"], 50);
 
-    let (_, err) = place.line("compute scene.obj -o m --overwrite --tolerance 5% --verify 20", 0);
+    let (_, err) = place.line("compute scene.obj -o m --overwrite --tolerance 5% --verify 20 -v", 0);
     for word in [
         "verified",
         "20 of 160 rows (seed 1)",
@@ -291,7 +291,7 @@ fn error_against_time() {
     let (short, _) = place.line(line, 0);
     let settings = short
         .lines()
-        .filter(|line| line.contains(" N=") || line.contains("  tolerance "));
+        .filter(|line| line.contains(" N=") || line.starts_with("* tolerance ") || line.starts_with("  tolerance "));
     assert!(
         settings.clone().count() >= 3 && settings.clone().all(|line| line.starts_with("* ")),
         "{short}"
