@@ -516,7 +516,7 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
             };
             return Err(hinted(
                 anyhow!("what `{option}` asks for is not in a table of patches"),
-                &format!("name a directory for it by `-o DIR`, or a matrix by `--matrix DIR`{of_suns}"),
+                format!("name a directory for it by `-o DIR`, or a matrix by `--matrix DIR`{of_suns}"),
             ));
         }
     }
