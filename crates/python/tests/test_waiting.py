@@ -80,6 +80,10 @@ begun = threading.Event()
 begun_rows = threading.Event()
 sent = []
 
+# An interrupted run has half a second to end the part under way: a slow machine may lose it, and what was written stays.
+def has_part():
+    return any(pathlib.Path(directory, "parts").glob("*.npz"))
+
 def interrupt():
     (begun_rows if when == "rows" else begun).wait()
     if when == "settling":
@@ -97,7 +101,7 @@ try:
             scene,
             tolerance=0.002 if when == "settling" else None,
             output=directory,
-            progress=lambda done, total: begun_rows.set() if any(pathlib.Path(directory, "parts").glob("*.npz")) else None,
+            progress=lambda done, total: has_part() and begun_rows.set(),
         )
 except KeyboardInterrupt:
     print(time.monotonic() - sent[0])

@@ -2,7 +2,8 @@
 // a module `room`. No run of `hemicube` makes its rows: they are known, and neither crate waits for that one.
 
 use hemicube_store::{
-    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowErrors, RowShares, RowSums, SceneEntry, Store, StoreWriter,
+    BackendEntry, Form, HEMICUBE_WEIGHT, Header, Part, PatchTable, RowErrors, RowShares, RowSums, SceneEntry, Store,
+    StoreWriter,
 };
 use std::path::Path;
 
