@@ -8,7 +8,7 @@
 # cargo-semver-checks is taken from PATH, or built once into the target folder: six minutes of a processor.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-libraries=(hemicube-spatial hemicube-scene hemicube-contract hemicube-store hemicube-solve hemicube hemicube-abi hemicube-export hemicube-backend-cpu)
+libraries=(hemicube-spatial hemicube-scene hemicube-contract hemicube-store hemicube-solve hemicube-weather hemicube hemicube-abi hemicube-export hemicube-backend-cpu)
 version=0.51.0
 [ $# -eq 1 ] || { printf 'usage: scripts/semver.sh REVISION | --bring | --proves\n' >&2; exit 2; }
 

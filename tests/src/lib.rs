@@ -51,3 +51,4 @@ pub mod rooms;
 pub mod rows;
 pub mod runs;
 pub mod scenes;
+pub mod weather;

@@ -75,6 +75,11 @@ pub(crate) fn of_properties(step: &PropertyStep) -> String {
         PropertyStep::Emissivity => {
             "`--materials FILE` names it: `emissivity = 0.9`; its table `[default]` is for all that have none".to_owned()
         }
+        PropertyStep::Absorptance => {
+            "`--materials FILE` names it: `absorptance = 0.6`, the share of sunlight that is absorbed; its table `[default]` \
+             is for all that have none"
+                .to_owned()
+        }
         PropertyStep::Patches { kinds, table_of } => {
             let [one, other] = kinds.map(|kind| format!("`--by {}`", kind.name()));
             let compute = format!("compute the matrix by {one} or {other}");

@@ -369,6 +369,17 @@ impl From<UpAxis> for Axis {
     }
 }
 
+/// An angle in degrees.
+///
+/// # Errors
+/// For what is no angle from −360° to 360°.
+pub(crate) fn degrees(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(degrees) if degrees.abs() <= 360.0 => Ok(degrees),
+        _ => Err("an angle from -360 to 360 degrees is needed".to_owned()),
+    }
+}
+
 /// A number, or the program's choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Auto {

@@ -54,6 +54,7 @@ pub(crate) enum Command {
     Solve(Box<commands::solve::Arguments>),
     Exchange(commands::exchange::Arguments),
     Sky(Box<commands::sky::Arguments>),
+    Suns(commands::suns::Arguments),
     Points(Box<commands::points::Arguments>),
     /// Draw pictures: the hemicube of a patch, the model in the colours of a result, the matrix
     View {
@@ -90,6 +91,7 @@ impl Command {
             Self::Solve(arguments) => arguments.paths(),
             Self::Exchange(arguments) => arguments.paths(),
             Self::Sky(arguments) => arguments.paths(),
+            Self::Suns(arguments) => arguments.paths(),
             Self::Points(arguments) => arguments.paths(),
             Self::View { command } => command.paths(),
             Self::Report(arguments) => arguments.paths(),

@@ -16,6 +16,7 @@ pub(crate) mod points;
 pub(crate) mod report;
 pub(crate) mod sky;
 pub(crate) mod solve;
+pub(crate) mod suns;
 pub(crate) mod tradeoff;
 pub(crate) mod view;
 pub(crate) mod view3d;

@@ -20,7 +20,7 @@ Settings, strongest first:
   command line, a variable or `--config` to say.";
 
 /// Exit statuses 1 and 130 of a command, by its words; empty where it does not end so.
-const EXIT_STATUS: [(&str, &str, &str); 23] = [
+const EXIT_STATUS: [(&str, &str, &str); 24] = [
     (
         "compute",
         "`--verify` measured an error above the tolerance; the matrix is written",
@@ -75,6 +75,7 @@ const EXIT_STATUS: [(&str, &str, &str); 23] = [
         "interrupted",
     ),
     ("generate", "", "interrupted"),
+    ("suns", "", "interrupted"),
     ("manual", "", ""),
     ("completions", "", ""),
     ("backends list", "", ""),

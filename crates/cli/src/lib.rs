@@ -46,6 +46,7 @@ mod shell;
 mod stored;
 mod study;
 mod style;
+mod suns;
 mod table;
 mod toml_file;
 mod verify;
@@ -138,6 +139,7 @@ fn dispatch(mut cli: Cli, settings: Option<String>, unread: &[String]) -> Result
         Command::Tradeoff(arguments) => commands::tradeoff::run(*arguments, talk),
         Command::Check(arguments) => commands::check::run(&arguments, talk),
         Command::Merge(arguments) => commands::merge::run(&arguments, talk),
+        Command::Suns(arguments) => commands::suns::run(&arguments, talk),
         Command::Balance(arguments) => commands::balance::run(&arguments, talk),
         Command::Compare(arguments) => commands::compare::run(&arguments, talk),
         Command::Export(arguments) => commands::export::run(&arguments, talk),

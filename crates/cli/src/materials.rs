@@ -13,6 +13,7 @@
 //!
 //! [material."facade*"]                    # a pattern, for names without an exact entry
 //! emissivity = 0.9
+//! absorptance = 0.6                       # of sunlight
 //! temperature = 293.15                    # kelvin; or `adiabatic = true`: no net flux
 //!
 //! [object."Zone 3*"]                      # goes before materials
@@ -39,6 +40,7 @@ const BEGINNING: &str = "\
 [default]
 # reflectance = 0.5       # from 0 to 1, one number or one a band; emission: from 0 on, likewise
 # emissivity = 0.9        # from 0 to 1
+# absorptance = 0.6       # of sunlight, from 0 to 1
 # temperature = \"20 °C\"   # or kelvin: 293.15; or one of these:
 # flux = 100              # net flux, W/m²
 # heat = 100              # net heat of the whole surface, W
@@ -149,7 +151,12 @@ fn table_of(table: &PrintedTable, text: &mut String) {
         }
     }
     let temperature = entry.temperature.map(hemicube::solve::Temperature::kelvin);
-    for (key, value) in [("temperature", temperature), ("flux", entry.flux), ("heat", entry.heat)] {
+    for (key, value) in [
+        ("absorptance", entry.absorptance),
+        ("temperature", temperature),
+        ("flux", entry.flux),
+        ("heat", entry.heat),
+    ] {
         if let Some(value) = value {
             let _ = writeln!(text, "{key} = {value}");
         }

@@ -6,13 +6,14 @@ use crate::prepare::{Prepared, prepare_of};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::driver::input::SceneInput;
 use hemicube::driver::room::Work;
+use hemicube::frame::Horizon;
 use hemicube::portal::{ImageSettings, Images, Portals, Specular};
 use hemicube::sky::{SkyDivision, sky_beside};
 use hemicube::solve::StoredSolution;
 use hemicube::store::{Store, scene_hash};
 use hemicube::{Grouping, HierarchyOptions};
-use hemicube_scene::ReadOptions;
 use hemicube_scene::up::{Up, up};
+use hemicube_scene::{Axis, ReadOptions};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -258,21 +259,32 @@ pub(crate) fn sky(store: &Store) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// Division of the sky of those rows.
+/// Division and horizon of the sky rows in a file of `hemicube sky`, from the record beside it.
 ///
 /// # Errors
-/// Like [`sky`], and when their record lacks it.
-pub(crate) fn sky_division(store: &Store) -> Result<SkyDivision> {
-    let found = sky_record(store)?;
+/// When the record cannot be read, or lacks them.
+pub(crate) fn sky_frame(path: &Path) -> Result<(SkyDivision, Horizon)> {
+    let record = path.with_extension("json");
+    let cannot = || format!("`{}` cannot be read", record.display());
+    let text = hemicube_scene::read_regular_text(&record).with_context(cannot)?;
+    let found: Value = serde_json::from_str(&text).with_context(cannot)?;
     let division: Option<Division> = found["division"].as_str().and_then(|text| text.parse().ok());
-    division
+    let up = match found["up"].as_str() {
+        Some("x") => Some(Axis::X),
+        Some("y") => Some(Axis::Y),
+        Some("z") => Some(Axis::Z),
+        _ => None,
+    };
+    let whole = division
         .and_then(|division| SkyDivision::new(division.0))
-        .with_context(|| {
-            format!(
-                "`{}` says no division of the sky",
-                sky_beside(store).with_extension("json").display()
-            )
-        })
+        .zip(up.zip(found["north_degrees"].as_f64()));
+    let (division, (up, north)) = whole.with_context(|| {
+        format!(
+            "`{}` says no division of the sky, no way up or no north: `hemicube sky` writes them",
+            record.display()
+        )
+    })?;
+    Ok((division, Horizon::new(up, north)))
 }
 
 fn sky_record(store: &Store) -> Result<Value> {

@@ -34,6 +34,46 @@ impl Row<6> {
     }
 }
 
+/// An error, and its line where it has one.
+pub(crate) type Located = (Option<u64>, anyhow::Error);
+
+/// A table whose header names its columns, and whose fields may be quoted.
+pub(crate) struct Head<'a> {
+    pub(crate) reader: csv::Reader<&'a [u8]>,
+    pub(crate) names: Vec<String>,
+}
+
+/// Reads a header. What ends its first name, a comma, semicolon or tab, separates fields; `#` begins a comment.
+///
+/// # Errors
+/// For text in another encoding.
+pub(crate) fn head(bytes: &[u8]) -> Result<Head<'_>, Located> {
+    let bytes = hemicube_scene::text::unmarked(bytes).map_err(|error| (None, anyhow!(error)))?;
+    let head = bytes.split(|&byte| byte == b'\n').find(|line| !line.starts_with(b"#"));
+    let separator = head.and_then(|head| head.iter().copied().find(|byte| b",;\t".contains(byte)));
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(separator.unwrap_or(b','))
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(bytes);
+    let names = reader.headers().map_err(|error| told(&error))?;
+    let names = names.iter().map(str::to_owned).collect();
+    Ok(Head { reader, names })
+}
+
+/// Why a table cannot be read, and the line.
+pub(crate) fn told(error: &csv::Error) -> Located {
+    let line = error.position().map(csv::Position::line);
+    let reason = match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            anyhow!("has {len} fields where the header has {expected_len}")
+        }
+        csv::ErrorKind::Utf8 { .. } => anyhow!("is no UTF-8 text; save it as UTF-8"),
+        _ => anyhow!("is no table: {error}"),
+    };
+    (line, reason)
+}
+
 /// Separator of fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Separator {
@@ -99,7 +139,7 @@ impl<const N: usize> Header<N> {
 }
 
 /// The name of a column: `x`, `X`, `x (m)` and `x [m]` are one.
-fn short(field: &str) -> String {
+pub(crate) fn short(field: &str) -> String {
     let name = field.split(['(', '[']).next().unwrap_or(field);
     name.trim().to_ascii_lowercase()
 }

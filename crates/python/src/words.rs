@@ -29,6 +29,9 @@ pub(crate) fn of_properties(step: &PropertyStep) -> String {
         PropertyStep::Emissivity => {
             "`properties` names it: `'emissivity': 0.9`; its table `'default'` is for all that have none".to_owned()
         }
+        PropertyStep::Absorptance => {
+            "`properties` names it: `'absorptance': 0.6`; its table `'default'` is for all that have none".to_owned()
+        }
         PropertyStep::Patches { kinds, table_of } => {
             let [one, other] = kinds.map(|kind| format!("`patches='{}'`", kind.name()));
             let compute = format!("compute the matrix by {one} or {other}");

@@ -139,6 +139,7 @@ page_tests! {
     tour: "docs/tour.md",
     room: "docs/room.md",
     city: "docs/city.md",
+    satellite: "docs/satellite.md",
     choosing_accuracy: "docs/choosing-accuracy.md",
     wrong_scenes: "docs/wrong-scenes.md",
     surfaces: "docs/surfaces.md",

@@ -181,7 +181,6 @@ fn names_that_nothing_has_and_contradictions_are_refused() {
         "[object.floor]\nisothermal = true\n[default]\nemissivity = 0.9\ntemperature = 293\n",
     );
     let line = "solve room --thermal --materials m.toml";
-    refused(&place, &format!("{line} --method gauss-seidel"), &["GMRES or Jacobi"]);
     refused(
         &place,
         &format!("{line} --ground-temperature 5C"),
@@ -208,7 +207,7 @@ fn mixed_conditions_keep_what_is_given_and_the_second_law() {
          temperature = \"5 °C\"\n[object.\"*st\"]\nisothermal = true\n\
          [object.\"*th\"]\nheat = -50\nisothermal = true\n",
     );
-    for extra in ["", "--method jacobi", "--network --by object"] {
+    for extra in ["", "--network --by object"] {
         let (found, json) = surfaces(&place, &format!("solve room --thermal --materials m.toml {extra}"));
         for (name, heat) in [
             ("floor", 1200.0),

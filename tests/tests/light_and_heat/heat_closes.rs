@@ -405,16 +405,13 @@ fn at_one_temperature_nothing_flows_closed_or_open() {
                     "compute {scene}.obj --by {patches} -o {matrix} -q --config=none"
                 ))
                 .is(0);
-            for method in ["gmres", "jacobi", "gauss-seidel"] {
-                let line = format!(
-                    "solve {matrix} --thermal --materials m.toml --sky-temperature 300 --by object --residual 1e-10 --method \
-                     {method}"
-                );
-                let found = solved(&place, &line, 0);
-                for surface in found["surfaces"].as_array().expect("surfaces") {
-                    let flux = number(&surface["flux"]);
-                    assert!(flux.abs() < 1e-6, "{matrix} {method}: {surface}");
-                }
+            let line = format!(
+                "solve {matrix} --thermal --materials m.toml --sky-temperature 300 --by object --residual 1e-10"
+            );
+            let found = solved(&place, &line, 0);
+            for surface in found["surfaces"].as_array().expect("surfaces") {
+                let flux = number(&surface["flux"]);
+                assert!(flux.abs() < 1e-6, "{matrix}: {surface}");
             }
         }
     }

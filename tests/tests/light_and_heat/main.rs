@@ -5,6 +5,7 @@ mod heat;
 mod heat_cases;
 mod heat_closes;
 mod light;
+mod networks;
 mod optics;
 mod point_tables;
 mod points;

@@ -3,6 +3,7 @@
 
 use crate::heat_cases::Obj;
 use hemicube_tests::runs::Place;
+use hemicube_tests::scenes::scenes_or_skip;
 
 const SIGMA: f64 = 5.670_374_419e-8;
 
@@ -153,5 +154,211 @@ fn tables_that_do_not_fit_are_refused_with_the_next_step() {
         place.write("load.csv", text);
         let line = "solve f --thermal --materials m.toml --sky-temperature 0 --load load.csv";
         place.line(line).is(2).says(&[said]);
+    }
+}
+
+/// Sun straight above and an even sky: a floor that reflects half, and the plate's shadow on it.
+#[test]
+fn suns_and_sky_light_and_heat_patches_with_reflections() {
+    let place = Place::new();
+    place.write("shaded.obj", shaded());
+    place.write(
+        "suns.csv",
+        "time,x,y,z,direct,diffuse\nnoon,0,0,1,800,0\nslanted,1,0,1,800,0\nnight,0,0,-1,0,0\ncloud,0,0,1,0,100\n",
+    );
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.5\n");
+    place.line("compute shaded.obj -o f --tolerance 0.1% --split 8").is(0);
+    place
+        .line("solve f --materials m.toml --suns suns.csv --by object -o light.csv")
+        .is(0);
+    let text = std::fs::read_to_string(place.path("light.csv")).expect("a table");
+    let head: Vec<&str> = text.lines().next().expect("a head").split(',').collect();
+    let column = |name: &str| {
+        let is = |head: &&str| head.starts_with(name);
+        head.iter()
+            .position(|head| is(&head))
+            .unwrap_or_else(|| panic!("no {name}: {text}"))
+    };
+    let found = cells(&text);
+    let value = |moment: &str, name: &str, what: &str| -> f64 {
+        let is = |row: &&Vec<String>| row[0] == moment && row[column("object")] == name;
+        let row = found
+            .iter()
+            .find(is)
+            .unwrap_or_else(|| panic!("{moment} {name}: {text}"));
+        row[column(what)].parse().expect("a number")
+    };
+    // 15 of 16 m² lie in the sun; the plate's dark side gets light from the floor, and gives half of it back.
+    let direct = 800.0 * 15.0 / 16.0;
+    let floor = value("noon", "floor", "irradiance");
+    assert!((floor - direct).abs() < 0.01 * direct, "{floor} {direct}");
+    let back = value("noon", "plate", "irradiance");
+    assert!(back > 0.0 && back < 0.5 * 800.0, "{back}");
+    assert_eq!(value("noon", "under", "irradiance"), 0.0);
+    let slanted = value("slanted", "floor", "irradiance");
+    let cosine = 0.5f64.sqrt();
+    // The shadow has moved, and is as large.
+    assert!((slanted - direct * cosine).abs() < 0.015 * direct, "{slanted}");
+    assert_eq!(value("night", "floor", "irradiance"), 0.0);
+    // The floor sees the plate by F = 1 m² / 16 m² times the plate's F to it; the rest of what it sees is sky.
+    let cloud = value("cloud", "floor", "irradiance");
+    assert!(cloud < 100.0 && cloud > 100.0 * 15.0 / 16.0, "{cloud}");
+}
+
+/// Each side of a satellite in the sun, black to it: what is absorbed is what is sunlit, and an adiabatic side radiates
+/// it away.
+#[test]
+fn a_satellite_absorbs_what_its_sides_see_of_the_sun() {
+    let place = Place::new();
+    let Some(cases) = scenes_or_skip("suns").map(|scenes| scenes.join("../cases/space-sun")) else {
+        return;
+    };
+    std::fs::copy(cases.join("sat.obj"), place.path("sat.obj")).expect("the satellite");
+    let directions = std::fs::read_to_string(cases.join("suns.txt")).expect("24 suns");
+    let mut table = "time,x,y,z,direct\n".to_owned();
+    for (number, line) in directions.lines().skip(1).enumerate() {
+        let cells: Vec<&str> = line.split_whitespace().collect();
+        table += &format!("{number},{},1361\n", cells.join(","));
+    }
+    place.write("suns.csv", &table);
+    place.write(
+        "m.toml",
+        "[default]\nemissivity = 1\nabsorptance = 1\nadiabatic = true\n",
+    );
+    place.line("compute sat.obj -o sat --tolerance 0.3%").is(0);
+    place
+        .line("solve sat --thermal --materials m.toml --sky-temperature 0 --suns suns.csv --by object -o heat.csv")
+        .is(0);
+    let heat = cells(&std::fs::read_to_string(place.path("heat.csv")).expect("a table"));
+    assert_eq!(heat.len() % 24, 0);
+    let share = |sun: &str, name: &str| -> f64 {
+        let is = |row: &&Vec<String>| row[0] == sun && row[1] == name;
+        let row = heat.iter().find(is).expect("a row");
+        let (area, watts) = (row[3].parse::<f64>().expect("m²"), row[4].parse::<f64>().expect("W"));
+        watts / (area * 1361.0)
+    };
+    // Own rays of the case, 40,000 a side, and the cosine of each side to this sun.
+    for (name, sunlit, cosine) in [("wing_l_back", 0.737, 0.208_333), ("py", 0.861, 0.800_138)] {
+        let found = share("14", name) / cosine;
+        assert!(
+            (found - sunlit).abs() < 0.003 + 0.003 * sunlit,
+            "{name}: {found} for {sunlit}"
+        );
+    }
+}
+
+/// A lawn and a wall that looks south, far apart: nothing but sun and sky.
+fn lawn_and_wall() -> String {
+    let mut obj = Obj::default();
+    obj.surface("lawn", "m", &[[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]]);
+    obj.surface(
+        "wall",
+        "m",
+        &[[1e3, 0., 0.], [1001., 0., 0.], [1001., 0., 1.], [1e3, 0., 1.]],
+    );
+    obj.text
+}
+
+/// Ratio of the irradiance of a wall to that of a lawn under the overcast sky of the CIE, L ∝ 1 + 2 sin γ: in closed
+/// form (π/6 + 4/9) / (7π/9).
+fn overcast_on_a_wall() -> f64 {
+    use std::f64::consts::PI;
+    (PI / 6.0 + 4.0 / 9.0) / (7.0 * PI / 9.0)
+}
+
+#[test]
+fn a_weather_file_lights_lawn_and_wall_by_its_sun_and_sky() {
+    let place = Place::new();
+    place.write("open.obj", lawn_and_wall());
+    place.write("year.epw", hemicube_tests::weather::epw());
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.2\n");
+    place.line("compute open.obj -o f").is(0);
+    let suns = |sky: &str| {
+        place
+            .line(&format!(
+                "suns year.epw --times 06-21 --sky {sky} -o day.csv --overwrite"
+            ))
+            .is(0);
+        cells(&std::fs::read_to_string(place.path("day.csv")).expect("a table"))
+    };
+    let solved = || {
+        place
+            .line("solve f --materials m.toml --suns day.csv --by object -o light.csv --overwrite")
+            .is(0);
+        cells(&std::fs::read_to_string(place.path("light.csv")).expect("a table"))
+    };
+    let day = suns("overcast");
+    assert_eq!(day.len(), 24);
+    // At noon the sun stands in the south, 60.9° high on this day at 52.5° N.
+    let number = |row: &[String], at: usize| row[at].parse::<f64>().expect("a number");
+    let noon = &day[11];
+    assert!(noon[0].starts_with("2023-06-21T11:30"), "{noon:?}");
+    assert!(
+        (number(noon, 3) - 60.9f64.to_radians().sin()).abs() < 0.01 && number(noon, 2) < -0.4,
+        "{noon:?}"
+    );
+    // A sky that is not even needs to know which part of it each patch sees.
+    place
+        .line("solve f --materials m.toml --suns day.csv")
+        .is(2)
+        .says(&["a sky such as `overcast`", "hemicube sky SCENE --matrix f"]);
+    place.line("sky open.obj --matrix f --up z --division reinhart:2").is(0);
+    let irradiance = |found: &[Vec<String>], moment: usize, name: &str| {
+        let row = found.iter().find(|row| row[0] == day[moment][0] && row[1] == name);
+        number(row.expect("a row"), 5)
+    };
+    for sky in ["overcast", "perez", "uniform"] {
+        suns(sky);
+        let found = solved();
+        for moment in [7, 11, 15] {
+            let (direct, diffuse) = (number(&day[moment], 4), number(&day[moment], 5));
+            let level = direct * number(&day[moment], 3) + diffuse;
+            let lawn = irradiance(&found, moment, "lawn");
+            assert!((lawn - level).abs() < 5e-3 * level, "{sky} {moment}: {lawn} {level}");
+            let beam = direct * (-number(&day[moment], 2)).max(0.0);
+            let of_sky = match sky {
+                "overcast" => overcast_on_a_wall() * diffuse,
+                "uniform" => 0.5 * diffuse,
+                _ => continue,
+            };
+            let wall = irradiance(&found, moment, "wall");
+            assert!(
+                (wall - beam - of_sky).abs() < 0.01 * of_sky + 5e-3 * beam,
+                "{sky}: {wall} {beam} {of_sky}"
+            );
+        }
+    }
+}
+
+#[test]
+fn hours_of_clear_days_are_those_of_a_place() {
+    let place = Place::new();
+    let made = place
+        .line("suns --location 52.52,13.405,34 --times 2026-06-21T12:00+02:00/2026-06-21T14:00+02:00/1h")
+        .is(0);
+    let found = cells(&made.out);
+    assert_eq!(found.len(), 3, "{}", made.out);
+    // 58.15° high, 149.36° from north (pvlib); Ineichen's clear sky at turbidity 3.
+    let number = |at: usize| found[0][at].parse::<f64>().expect("a number");
+    let (altitude, azimuth) = (58.15f64.to_radians(), 149.36f64.to_radians());
+    for (at, expected) in [
+        (1, altitude.cos() * azimuth.sin()),
+        (2, altitude.cos() * azimuth.cos()),
+        (3, altitude.sin()),
+    ] {
+        assert!((number(at) - expected).abs() < 3e-4, "{}", made.out);
+    }
+    assert!(
+        (number(4) - 860.0).abs() < 40.0 && (number(5) - 105.0).abs() < 25.0,
+        "{}",
+        made.out
+    );
+    for (line, words) in [
+        ("suns --location 91,0 --times 2026-06-21T12:00Z", "degrees north"),
+        ("suns --location 52,13 --times 2026-06-21T12:00", "has no UTC offset"),
+        ("suns --times 2026-06-21T12:00Z", "required"),
+        ("suns none.epw", "none.epw` cannot be read"),
+    ] {
+        place.line(line).is(2).says(&[words]);
     }
 }

@@ -411,3 +411,75 @@ fn a_table_that_is_not_met_is_told() {
     };
     assert!(!wrong(0.1009) && wrong(0.1011) && wrong(f64::NAN));
 }
+
+/// Ingersoll, Svitek & Murray (Icarus 100, 1992): in a spherical bowl of depth d and diameter D = 5 d, under a sun 15°
+/// high, all of the shadow has one temperature: 155.513 K for a reflectance of 0.3 and an emissivity of 0.95.
+#[test]
+fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
+    const RINGS: u32 = 24;
+    const SECTORS: u32 = 72;
+    let (depth, diameter) = (1.0, 5.0);
+    let radius = (0.25 * diameter * diameter + depth * depth) / (2.0 * depth);
+    let middle = DVec3::new(0.0, 0.0, radius - depth);
+    // Rings of one area: heights are evenly apart.
+    let corner = |ring: u32, sector: u32| {
+        let z = -depth + depth * f64::from(ring) / f64::from(RINGS);
+        let across = (radius * radius - (z - middle.z).powi(2)).max(0.0).sqrt();
+        let (sine, cosine) = (2.0 * PI * f64::from(sector % SECTORS) / f64::from(SECTORS)).sin_cos();
+        DVec3::new(across * cosine, across * sine, z)
+    };
+    let mut text = String::from("o bowl\n");
+    let mut count = 0;
+    let mut face = |corners: &[DVec3]| {
+        for at in corners {
+            writeln!(text, "v {} {} {}", at.x, at.y, at.z).expect("a string");
+        }
+        let numbers: Vec<String> = (1..=corners.len()).map(|k| (count + k).to_string()).collect();
+        count += corners.len();
+        writeln!(text, "f {}", numbers.join(" ")).expect("a string");
+    };
+    for sector in 0..SECTORS {
+        face(&[corner(0, 0), corner(1, sector), corner(1, sector + 1)]);
+        for ring in 1..RINGS {
+            let [a, b] = [corner(ring, sector), corner(ring + 1, sector)];
+            let [c, d] = [corner(ring + 1, sector + 1), corner(ring, sector + 1)];
+            face(&[a, b, c]);
+            face(&[a, c, d]);
+        }
+    }
+    let place = Place::new();
+    place.write("bowl.obj", text);
+    let elevation = 15f64.to_radians();
+    let sun = DVec3::new(elevation.cos(), 0.0, elevation.sin());
+    place.write("sun.csv", format!("x,y,z,direct\n{},{},{},1000\n", sun.x, sun.y, sun.z));
+    place.write(
+        "m.toml",
+        "[default]\nabsorptance = 0.7\nemissivity = 0.95\nadiabatic = true\n",
+    );
+    place.line("compute bowl.obj -o bowl --tolerance 0.3%").is(0);
+    place
+        .line("solve bowl --thermal --materials m.toml --suns sun.csv --sky-temperature 0 -o heat.csv")
+        .is(0);
+    let found = std::fs::read_to_string(place.path("heat.csv")).expect("a table");
+    let head: Vec<&str> = found.lines().next().expect("a head").split(',').collect();
+    let column = |name: &str| head.iter().position(|head| head.starts_with(name)).expect("a column");
+    let columns = ["area", "temperature", "centroid_x", "centroid_y", "centroid_z"].map(column);
+    let (mut sum, mut area, mut off) = (0.0, 0.0, 0.0f64);
+    for line in found.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let [of_patch, kelvin, x, y, z] = columns.map(|at| cells[at].parse::<f64>().expect("a number"));
+        let from = DVec3::new(x, y, z) - middle;
+        // Where the ray to the sun meets the sphere again: well below the rim, all of the patch is in shadow.
+        let met = from - 2.0 * from.dot(sun) * sun;
+        if met.z + middle.z < -0.1 * depth {
+            sum += of_patch * kelvin;
+            area += of_patch;
+            off = off.max((kelvin - 155.513).abs());
+        }
+    }
+    let mean = sum / area;
+    say(&format!(
+        "Ingersoll's crater: {mean:.3} K in its shadow for 155.513, at most {off:.2} K off"
+    ));
+    assert!(area > 1.0 && (mean - 155.513).abs() < 0.05, "{mean} on {area} m²");
+}

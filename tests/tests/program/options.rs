@@ -235,6 +235,11 @@ impl Fixture {
             ("low.txt", "30 30 1\n"),
             ("eyes.txt", "1 1 1 0 0 1\n5 5 1.5 1 0 0\n"),
             ("suns.txt", "0.3 0.2 0.9\n-0.5 0 0.8\n"),
+            (
+                "day.csv",
+                "time,x,y,z,direct,diffuse,sky\n9:00,0.5,-0.5,0.5,700,90,overcast\nnoon,0,-0.5,0.9,800,100,clear\n",
+            ),
+            ("year.epw", &hemicube_tests::weather::epw()),
             ("nadir.txt", "0.3 0.2 0.9\n-0.5 0 -0.8\n"),
             ("load.csv", "surface,night,noon\nground,0,600\nhut,0,200\n"),
             ("hours.csv", "time,ground,(surroundings)\nnight,280,270\nnoon,300,290\n"),

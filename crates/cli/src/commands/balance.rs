@@ -8,7 +8,7 @@ use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, percent, size};
 use anyhow::{Result, bail};
 use clap::Args;
-use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, MAX_SCALE_MAX, TOLERANCE_MIN, balance};
+use hemicube::analysis::balance::{BalanceEntry, BalanceOptions, BalanceReport, TOLERANCE_MIN, balance};
 use hemicube::store::{Error, Store};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -42,9 +42,6 @@ pub(crate) struct Arguments {
     /// Leave out form factors below F and rescale the row
     #[arg(long, value_name = "F", value_parser = share, allow_negative_numbers = true)]
     pub(crate) min_factor: Option<f64>,
-    /// By how much a row may be scaled at most; rows that need more are counted [default: 1.1]
-    #[arg(long, value_name = "S", value_parser = max_scale, allow_negative_numbers = true, hide_short_help = true)]
-    pub(crate) max_scale: Option<f64>,
     /// The closure error of a row at which the scaling ends [default: 1e-6]
     #[arg(long, value_name = "X", value_parser = residual, allow_negative_numbers = true)]
     pub(crate) max_closure: Option<f64>,
@@ -73,20 +70,10 @@ impl Arguments {
     /// An option that only closing has.
     fn of_closing(&self) -> Option<&'static str> {
         let given = [
-            (self.max_scale.is_some(), "max-scale"),
             (self.max_closure.is_some(), "max-closure"),
             (self.max_iterations.is_some(), "max-iterations"),
         ];
         given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
-    }
-}
-
-fn max_scale(text: &str) -> Result<f64, String> {
-    let number = number(text)?;
-    if number > 1.0 && number <= MAX_SCALE_MAX {
-        Ok(number)
-    } else {
-        Err("a factor above 1 and up to 16 is needed".to_owned())
     }
 }
 
@@ -120,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         closure,
         reciprocity: arguments.reciprocity,
         min_factor: arguments.min_factor.unwrap_or(0.0),
-        max_scale: arguments.max_scale.unwrap_or(MAX_SCALE),
+        max_scale: MAX_SCALE,
         tolerance: arguments.max_closure.unwrap_or(CLOSURE_ERROR),
         max_sweeps: arguments.max_iterations.unwrap_or(SWEEPS),
         overwrite: arguments.overwrite,
@@ -294,7 +281,7 @@ fn warnings(entry: &BalanceEntry) -> Vec<String> {
     );
     rows(
         entry.rows_at_bound,
-        "need more than `--max-scale` to close; the closure error of the worst is above",
+        &format!("would have to be scaled by more than {MAX_SCALE} to close; the closure error of the worst is above"),
     );
     rows(
         entry.rows_kept_whole,

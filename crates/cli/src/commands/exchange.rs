@@ -1,23 +1,26 @@
-//! `hemicube exchange`: Gebhart factors, total exchange areas, conductances and resistances between surfaces.
+//! `hemicube exchange`: Gebhart factors, total exchange areas, conductances and resistances between surfaces; and their
+//! network in the files of thermal solvers.
 
 mod files;
+mod networks;
 
-use crate::args::{Report as ReportArguments, StoredMatrix, Talk};
+use crate::args::{Report as ReportArguments, StoredMatrix, Talk, share};
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
 use crate::help::examples;
 use crate::materials;
 use crate::outputs::Paths;
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, five, percent, table};
+use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, five, percent, small_percent, table};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use files::{Format, Found};
-use hemicube::analysis::exchange::{Exchange, Network};
+use hemicube::analysis::exchange::{Conductors, Exchange, Network};
 use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::{Enclosures, Properties, Reading, SolveError, enclosures};
 use hemicube::store::Store;
 use hemicube_scene::Budget;
+use networks::{Deck, Program};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -33,7 +36,8 @@ const NAMES_SHOWN: usize = 3;
 
 const EXAMPLES: &str = "  \
   hemicube exchange oven.hemicube --materials oven.toml -o oven.csv
-  hemicube exchange room.hemicube --materials room.toml --by material -o room.npz -o room.json";
+  hemicube exchange room.hemicube --materials room.toml --by material -o room.npz -o room.json
+  hemicube exchange sat.hemicube --materials sat.toml --for esatan -o sat.txt";
 
 /// Find what surfaces exchange: Gebhart factors, total exchange areas (script F), conductances, resistances
 #[derive(Args, Debug)]
@@ -56,9 +60,18 @@ pub(crate) struct Arguments {
     /// Take each row as it is stored, instead of one A_i F_ij of both rows for both directions of a pair
     #[arg(long)]
     pub(crate) as_stored: bool,
-    /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable)
+    /// Write the factors to FILE: .csv (a line a pair), .json or .npz (repeatable); with `--for`, the network
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
+    /// Write the network as a thermal solver reads it, instead of the factors: a radiative conductor GR = A_i script-F_ij
+    /// for each pair of surfaces, once, so that q = σ GR (T_i⁴ − T_j⁴). Nodes count from 1, the one after the last
+    /// surface is what lies outside
+    #[arg(long = "for", value_name = "PROGRAM", help_heading = "Solvers")]
+    program: Option<Program>,
+    /// With `--for`: leave out pairs below F of what each of the two surfaces exchanges in all. A node without heat
+    /// capacity, the mean of what they are with, keeps the sum of each surface [default: all pairs]
+    #[arg(long, value_name = "F", value_parser = share, allow_negative_numbers = true, help_heading = "Solvers")]
+    min_factor: Option<f64>,
     #[command(flatten)]
     pub(crate) report: ReportArguments,
 }
@@ -113,13 +126,59 @@ struct Report<'a> {
     /// Number of surfaces of each enclosure of two or more.
     enclosures: Vec<usize>,
     products: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    network: Option<NetworkReport>,
+}
+
+/// What was written for a thermal solver.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct NetworkReport {
+    #[serde(rename = "for")]
+    program: Program,
+    /// The number of the surroundings; numbers of mean nodes follow.
+    surroundings: usize,
+    mean_nodes: usize,
+    /// Lines written: pairs that are not left out, and those of mean nodes.
+    conductors: usize,
+    /// Pairs left out.
+    left_out: u64,
+    /// Part of the sum of all GR that pairs left out have.
+    left_out_share: f64,
+}
+
+/// Refuses options that do not go together.
+fn refuse_unfit(arguments: &Arguments) -> Result<()> {
+    let Some(program) = arguments.program else {
+        if arguments.min_factor.is_some() {
+            return Err(hinted(
+                anyhow!("`--min-factor` is for networks, and `exchange` without `--for` writes all factors"),
+                "name a solver by `--for`, or leave it out",
+            ));
+        }
+        return arguments
+            .output
+            .iter()
+            .try_for_each(|output| Format::of(output).map(drop));
+    };
+    if arguments.as_stored {
+        return Err(hinted(
+            anyhow!("`--for` writes one conductor for both directions of a pair, and `--as-stored` keeps two"),
+            "leave out one of them",
+        ));
+    }
+    match &arguments.output[..] {
+        [output] => program.fits(output),
+        [] => Err(hinted(anyhow!("`--for` has no file to write"), "name one by `-o FILE`")),
+        [_, more @ ..] => Err(hinted(
+            anyhow!("`--for` writes one file, and `{}` is another", more[0].display()),
+            "run `exchange` once for each file",
+        )),
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let json = JsonReport::asked(&arguments.report);
-    for output in &arguments.output {
-        Format::of(output)?;
-    }
+    refuse_unfit(arguments)?;
     report::require_matrix(&arguments.matrix.store)?;
     let store = Store::open(&arguments.matrix.store)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
@@ -140,6 +199,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         1 => vec!["total".to_owned()],
         _ => properties.bands().to_vec(),
     };
+    if arguments.program.is_some() && bands.len() > 1 {
+        return Err(hinted(
+            anyhow!(
+                "`--for` writes one network, and emissivities are of {} bands: {}",
+                bands.len(),
+                bands.join(", ")
+            ),
+            "give one number for each `emissivity` in the file of `--materials`, that of thermal radiation",
+        ));
+    }
     // Each band has a dense matrix, and another while its columns are found.
     let surfaces = network.len() as u64;
     let bytes = (8 * (bands.len() as u64 + 1)).saturating_mul(surfaces * (surfaces + 1));
@@ -174,12 +243,17 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         bands: &bands,
         enclosure: enclosures.of_patch(),
     };
-    for output in &arguments.output {
-        found.write(output)?;
+    let mut written = None;
+    if let Some(program) = arguments.program {
+        written = Some(write_network(arguments, program, &found)?);
+    } else {
+        for output in &arguments.output {
+            found.write(output)?;
+        }
     }
     let of_scene = properties.emissivities_of_scene();
     if !arguments.report.json {
-        report::print(&text(&found, &enclosures, of_scene)?)?;
+        report::print(&text(&found, &enclosures, of_scene, written)?)?;
     }
     for output in &arguments.output {
         talk.say(&format!("written: `{}`", output.display()));
@@ -201,9 +275,35 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             conservation,
             enclosures: sizes.filter(|size| *size > 1).collect(),
             products: exchange.products,
+            network: written,
         })?;
     }
     Ok(if is_conserved { Exit::Done } else { Exit::NotHeld })
+}
+
+/// Writes the conductors of the only band.
+fn write_network(arguments: &Arguments, program: Program, found: &Found<'_>) -> Result<NetworkReport> {
+    let cut_off = arguments.min_factor;
+    let conductors = Conductors::new(found.network, found.exchange, 0, cut_off.unwrap_or(0.0));
+    let deck = Deck {
+        program,
+        network: found.network,
+        emissivity: &found.exchange.emissivity[0],
+        conductors: &conductors,
+        store: &arguments.matrix.store,
+        cut_off,
+    };
+    for output in &arguments.output {
+        deck.write(output)?;
+    }
+    Ok(NetworkReport {
+        program,
+        surroundings: conductors.surroundings() + 1,
+        mean_nodes: conductors.means,
+        conductors: conductors.pairs().count(),
+        left_out: conductors.left_out,
+        left_out_share: conductors.left_out_share(),
+    })
 }
 
 /// Emissivity of each surface, band by band.
@@ -225,7 +325,12 @@ fn emissivities(network: &Network, properties: &Properties) -> Result<Vec<Vec<f6
         .collect())
 }
 
-fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64, f64)>) -> Result<String> {
+fn text(
+    found: &Found<'_>,
+    enclosures: &Enclosures,
+    of_scene: Option<(usize, f64, f64)>,
+    written: Option<NetworkReport>,
+) -> Result<String> {
     let (network, exchange) = (found.network, found.exchange);
     let mut list = Listing::default();
     list.add(
@@ -278,10 +383,28 @@ fn text(found: &Found<'_>, enclosures: &Enclosures, of_scene: Option<(usize, f64
     if alone > 0 {
         list.add(
             "alone",
-            format!("{} that see no other", counted(alone as u64, "surface")),
+            format!("{} without another in sight", counted(alone as u64, "surface")),
         );
     }
+    if let Some(written) = written {
+        list.add("network", network_written(written));
+    }
     Ok(format!("{}\n{}", pairs(found), list.text()))
+}
+
+/// The network of a file in words.
+fn network_written(written: NetworkReport) -> String {
+    let conductors = counted(written.conductors as u64, "conductor");
+    if written.left_out == 0 {
+        return format!("{conductors} written, no pair left out");
+    }
+    let means = counted(written.mean_nodes as u64, "mean node");
+    format!(
+        "{conductors} written; {} left out, with {} of all GR, which {means} {}",
+        counted(written.left_out, "pair"),
+        small_percent(written.left_out_share),
+        if written.mean_nodes == 1 { "has" } else { "have" }
+    )
 }
 
 /// An enclosure in words.

@@ -475,7 +475,7 @@ impl SkyColumns {
     fn open(store: &Store, output: &Path, format: ExportFormat, overwrite: bool) -> Result<Self> {
         let path = stored::sky(store)?;
         let rows = StoredSky::beside(store)?;
-        let division = stored::sky_division(store)?;
+        let (division, _) = stored::sky_frame(&stored::sky(store)?)?;
         if division.columns() != rows.columns() {
             bail!("`{}` does not have the columns that `sky.json` says", path.display());
         }

@@ -81,7 +81,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "tregenza|reinhart:N", default_value = "tregenza")]
     pub(crate) division: Division,
     /// Turn north clockwise, seen from above; 0: +y where z is up, −z where y is up, +z where x is up
-    #[arg(long, value_name = "DEGREES", default_value = "0", value_parser = degrees, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", default_value = "0", value_parser = crate::args::degrees, allow_negative_numbers = true)]
     pub(crate) north: f64,
     /// Rows of points, too: a file with `x y z nx ny nz` a line, or columns of these names
     #[arg(long, value_name = "FILE")]
@@ -167,13 +167,6 @@ impl Arguments {
     /// Tables to write.
     fn tables(&self) -> impl Iterator<Item = &PathBuf> {
         self.output.iter().filter(|path| is_table(path))
-    }
-}
-
-fn degrees(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(degrees) if degrees.abs() <= 360.0 => Ok(degrees),
-        _ => Err("an angle from -360 to 360 degrees is needed".to_owned()),
     }
 }
 

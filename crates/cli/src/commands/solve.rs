@@ -3,6 +3,7 @@
 mod heat;
 mod light;
 mod moments;
+mod suns;
 mod surfaces;
 
 use crate::args::{By, EngineSettings, Report as ReportArguments, StoredMatrix, Talk};
@@ -12,14 +13,16 @@ use crate::forecast;
 use crate::help::examples;
 use crate::materials;
 use crate::outputs::Paths;
+use crate::prepare::Prepared;
 use crate::progress::Bar;
 use crate::report::{
     self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, duration, figures, percent, size, small_percent,
 };
 use crate::stored::{self, Limits};
+use crate::suns::Suns;
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use hemicube::analysis::surfaces::ERROR_MOST;
 use hemicube::sky::sky_product;
 use hemicube::solve::{
@@ -34,6 +37,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+use suns::Lit;
 
 /// Most right-hand sides in a table: more columns nobody opens.
 const CSV_COLUMNS_MAX: u64 = 256;
@@ -52,10 +56,10 @@ const OF_SOLVING: [&str; 18] = [
     "thermal",
     "load",
     "schedule",
+    "suns",
     "emission",
     "sky_radiance",
     "sky",
-    "method",
     "residual",
     "max_iterations",
     "as_stored",
@@ -72,7 +76,8 @@ const EXAMPLES: &str = "  \
   hemicube solve room.hemicube --print-materials > room.toml
   hemicube solve oven.hemicube --thermal --materials oven.toml --sky-temperature '20 °C'
   hemicube solve room.hemicube --thermal --materials room.toml --by object -o room.csv
-  hemicube solve room.hemicube --thermal --materials room.toml --load sun.csv --by object -o hours.csv";
+  hemicube solve room.hemicube --thermal --materials room.toml --load heating.csv --by object -o hours.csv
+  hemicube solve yard.hemicube --thermal --materials yard.toml --suns day.csv --sky-temperature '5 °C'";
 
 /// Solve for light or heat: radiosity of every patch from a matrix and its materials
 #[derive(Args, Debug)]
@@ -122,6 +127,15 @@ pub(crate) struct Arguments {
     /// a row a moment and a number a patch (.npy)
     #[arg(long, value_name = "FILE", requires = "thermal", help_heading = "Materials")]
     pub(crate) load: Option<PathBuf>,
+    /// Sun and sky, with all reflections: a table of `hemicube suns`, or one with `x y z` towards the sun, `direct` W/m²
+    /// across its beam and `diffuse` W/m² of the sky on a level plane; `--thermal` absorbs it by `absorptance`
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = ["emission", "sky_radiance"],
+        help_heading = "Materials"
+    )]
+    pub(crate) suns: Option<PathBuf>,
     /// Temperatures over moments, in place of those of the materials: kelvin, or `20 °C`, in a table as of `--load`; its
     /// surface `(surroundings)` is what lies outside
     #[arg(long, value_name = "FILE", requires = "thermal", help_heading = "Materials")]
@@ -134,15 +148,6 @@ pub(crate) struct Arguments {
         help_heading = "Materials"
     )]
     pub(crate) emission: Option<PathBuf>,
-    /// How the system is solved
-    #[arg(
-        long,
-        value_name = "gmres|gauss-seidel|jacobi",
-        default_value = "gmres",
-        hide_possible_values = true,
-        hide_short_help = true
-    )]
-    pub(crate) method: MethodName,
     /// Relative residual at which the solver ends
     #[arg(long, value_name = "X", default_value = "1e-6", value_parser = residual, hide_short_help = true)]
     pub(crate) residual: f64,
@@ -198,21 +203,11 @@ impl Arguments {
             .reads(&self.emission)
             .reads(&self.load)
             .reads(&self.schedule)
+            .reads(&self.suns)
             .reads(&self.sky_radiance)
             .reads(&self.sky)
             .writes("-o", &self.output, self.matrix.overwrite)
     }
-}
-
-/// The methods, by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum MethodName {
-    /// GMRES.
-    Gmres,
-    /// Gauss–Seidel.
-    GaussSeidel,
-    /// Jacobi.
-    Jacobi,
 }
 
 fn kelvin(text: &str) -> Result<Temperature, String> {
@@ -267,6 +262,9 @@ struct Record {
     iterations: u32,
     residuals: Vec<f64>,
     balance: Vec<EnergyBalance>,
+    /// Sunlight of each moment.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sunlight: Vec<Sunlight>,
     /// The part of its heat that is not known of the enclosure, or the body in one, of which least is.
     #[serde(skip_serializing_if = "Option::is_none")]
     energy_error: Option<f64>,
@@ -281,7 +279,30 @@ struct Record {
     by_surface: surfaces::Moments,
 }
 
+/// What arrives from the sun and the sky on all patches, and what they absorb of it after all reflections, in W.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Sunlight {
+    arriving: f64,
+    absorbed: f64,
+}
+
 impl Record {
+    /// The moment with most light put in, the first of equals; the first without moments.
+    fn brightest(&self) -> usize {
+        let bands = self.bands.len().max(1);
+        let input = |moment: usize| {
+            let of_moment = self.balance.iter().skip(moment * bands).take(bands);
+            of_moment.map(EnergyBalance::input).sum::<f64>()
+        };
+        let mut found = 0;
+        for moment in 1..self.moments.len() {
+            if input(moment) > input(found) {
+                found = moment;
+            }
+        }
+        found
+    }
+
     /// Counts a solution.
     fn count(&mut self, solution: &Solution) {
         self.converged &= solution.converged;
@@ -319,7 +340,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if arguments.print_materials {
         return print_materials(arguments, &store, talk);
     }
-    prepare_scene(arguments, &store, talk)?;
+    let suns = arguments.suns.as_deref().map(Suns::read).transpose()?;
+    let mut prepared = prepare_scene(arguments, &store, talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let table = store.patches()?;
@@ -338,12 +360,30 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Some(pairs) => pairs,
         None => &stored,
     };
-    let task = Task::new(arguments, (&store, factors), &table, &rows, talk)?;
+    let sun = match (&suns, &mut prepared) {
+        (Some(suns), Some(prepared)) => {
+            let mut arriving = suns::skylight(arguments, &store, &rows, suns, talk)?;
+            Lit::new(arguments, &store, prepared)?.add(suns, &mut arriving)?;
+            Some((suns, arriving))
+        }
+        _ => None,
+    };
+    drop(prepared);
+    let at_once = columns_at_once(arguments, &store);
+    let work = Work {
+        sun,
+        at_once,
+        cancel,
+        talk,
+    };
+    let task = match Task::new(arguments, (&store, factors), &table, &rows, work) {
+        Err(error) if matches!(error.downcast_ref(), Some(SolveError::Interrupted)) => return Ok(Exit::Interrupted),
+        task => task?,
+    };
     let name = arguments.solution.as_deref().unwrap_or(arguments.quantity().name);
     let mut writer = SolutionWriter::create(&store, name, task.quantities(), task.rows)?;
     let mut record = task.record(arguments)?;
     let guard = exit::InterruptGuard::new();
-    let at_once = columns_at_once(arguments, &store);
     let Some(()) = task.solve(factors, at_once, &mut writer, &mut record, cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
@@ -357,24 +397,31 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             &stored,
             &store,
             &table,
-            &record.bands,
+            (&record.bands, record.brightest()),
         )?),
         Kind::Heat(_) => None,
     };
     for output in &arguments.output {
         match &light {
             None if arguments.is_by_surface(output) => record.by_surface.write(output)?,
-            Some(light) if arguments.is_by_surface(output) => light.write(output)?,
+            Some(light) if arguments.is_by_surface(output) && record.moments.is_empty() => light.write(output)?,
+            Some(_) if arguments.is_by_surface(output) => {
+                let at = |moment: usize| {
+                    let bands = (&*record.bands, moment);
+                    light::Results::new(arguments.by, &stored, &store, &table, bands)
+                };
+                light::write_moments(output, &record.moments, at)?;
+            }
             _ => write_output(&stored, &store, &table, &record, output)?,
         }
     }
     let seconds = started.elapsed().as_secs_f64();
     if !arguments.report.json {
         let results = match &light {
-            Some(light) => light.text(),
+            Some(light) => light.text(record.moments.get(record.brightest()).map(String::as_str)),
             None => record.by_surface.text(talk.verbose),
         };
-        report::print(&(results + &energy(&record)))?;
+        report::print(&(results + &sunlight_text(&record) + &energy(&record)))?;
     }
     talk.detail(text(&record, &store, seconds).trim_end());
     let matrix = crate::shell::word(store.directory());
@@ -436,8 +483,11 @@ impl Arguments {
 
     /// Refuses a sky that nothing is asked of.
     fn require_quantities(&self) -> Result<()> {
-        if self.sky.is_some() && self.sky_radiance.is_none() && self.ground_temperature.is_none() {
-            bail!("`--sky` divides the sky for `--sky-radiance` or `--ground-temperature`, and neither is given");
+        if self.sky.is_some() && self.sky_radiance.is_none() && self.suns.is_none() && self.ground_temperature.is_none()
+        {
+            bail!(
+                "`--sky` divides the sky for `--sky-radiance`, `--suns` or `--ground-temperature`, and none is given"
+            );
         }
         Ok(())
     }
@@ -465,11 +515,7 @@ impl Arguments {
 
     fn options(&self) -> SolveOptions {
         SolveOptions {
-            method: match self.method {
-                MethodName::Gmres => Method::Gmres { restart: RESTART },
-                MethodName::GaussSeidel => Method::GaussSeidel,
-                MethodName::Jacobi => Method::Jacobi,
-            },
+            method: Method::Gmres { restart: RESTART },
             tolerance: self.residual,
             max_iterations: self.max_iterations,
             threads: self.matrix.threads as usize,
@@ -477,15 +523,17 @@ impl Arguments {
     }
 }
 
-/// Looks at the scene before anything is solved: warns of surfaces that face the wrong way.
-fn prepare_scene(arguments: &Arguments, store: &Store, talk: Talk) -> Result<()> {
-    let Some(scene) = arguments.scene(store) else {
-        return Ok(());
+/// Looks at the scene before anything is solved: warns of surfaces that face the wrong way. Suns need it.
+fn prepare_scene(arguments: &Arguments, store: &Store, talk: Talk) -> Result<Option<Prepared>> {
+    let scene = match arguments.scene(store) {
+        Some(scene) => scene,
+        None if arguments.suns.is_some() => stored::scene_file(store, None, "`--scene SCENE`")?,
+        None => return Ok(None),
     };
     let engine = EngineSettings::default();
     let prepared = stored::scene(store, &scene, &engine, Limits::of(arguments.allow_large))?;
     enclosure::warn_of_winding(&prepared, arguments.options().threads(), talk);
-    Ok(())
+    Ok(Some(prepared))
 }
 
 /// Prints the file of materials to begin with.
@@ -505,15 +553,22 @@ fn print_materials(arguments: &Arguments, store: &Store, talk: Talk) -> Result<E
 /// Number of right-hand sides solved together: their vectors take half the memory.
 fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     let vectors = VECTORS
-        + match arguments.method {
-            MethodName::Gmres => u64::from(RESTART) + 2,
-            _ => 0,
-        }
+        + u64::from(RESTART)
+        + 2
         + match arguments.reading() {
             Reading::Pairs => SUMS as u64,
             Reading::AsStored => 0,
         };
     (arguments.memory / 2 / (8 * vectors * u64::from(store.patch_count()).max(1))).clamp(1, 1024)
+}
+
+/// How a task is worked on, and what shines on it: the suns, and what arrives of them on each patch.
+struct Work<'a> {
+    sun: Option<(&'a Suns, Block)>,
+    /// Right-hand sides solved together.
+    at_once: u64,
+    cancel: &'a AtomicBool,
+    talk: Talk,
 }
 
 /// The system: sources of the right-hand sides, and materials.
@@ -533,7 +588,7 @@ struct Sky {
 }
 
 enum Kind {
-    Light(Light),
+    Light(Box<Light>),
     Heat(Box<heat::Exchange>),
 }
 
@@ -543,6 +598,8 @@ struct Light {
     kind_of_patch: Vec<u32>,
     emission: Option<ArrayFile>,
     sky: Option<Sky>,
+    /// Names of the suns, and what arrives from each on each patch.
+    sun: Option<(Vec<String>, Block)>,
 }
 
 impl<'a> Task<'a> {
@@ -568,8 +625,12 @@ impl<'a> Task<'a> {
             warnings: Vec::new(),
             unsettled: None,
             moments: match &self.kind {
-                Kind::Light(_) => Vec::new(),
+                Kind::Light(light) => light.sun.as_ref().map(|(names, _)| names.clone()).unwrap_or_default(),
                 Kind::Heat(exchange) => exchange.names_of_moments().to_vec(),
+            },
+            sunlight: match &self.kind {
+                Kind::Light(_) => Vec::new(),
+                Kind::Heat(exchange) => exchange.sunlight.clone(),
             },
             by_surface: surfaces::Moments::default(),
         })
@@ -663,8 +724,9 @@ impl<'a> Task<'a> {
         (store, factors): (&Store, &dyn Factors),
         table: &'a PatchTable,
         row_table: &'a RowTable,
-        talk: Talk,
+        work: Work<'_>,
     ) -> Result<Self> {
+        let talk = work.talk;
         let properties = materials::read(
             store.manifest(),
             table,
@@ -677,7 +739,7 @@ impl<'a> Task<'a> {
             talk.warn(note);
         }
         if arguments.thermal {
-            let exchange = heat::Exchange::new(arguments, (store, factors), table, row_table, &properties)?;
+            let exchange = heat::Exchange::new(arguments, (store, factors), table, row_table, &properties, work)?;
             exchange.question(arguments, table, row_table, talk);
             return Ok(Self {
                 bands: vec!["total".to_owned()],
@@ -712,28 +774,31 @@ impl<'a> Task<'a> {
         let most = |patch: usize| of(patch).reflectance.iter().copied().fold(0.0, f64::max);
         require_shares(row_table, "reflectance", shown, most)?;
         let dark = |kind: &u32| optics[*kind as usize].emission.iter().all(|&emission| emission == 0.0);
-        if emission.is_none() && sky.is_none() && kind_of_patch.iter().all(dark) {
+        let sun = work.sun.map(|(suns, arriving)| (suns.names.clone(), arriving));
+        if emission.is_none() && sky.is_none() && sun.is_none() && kind_of_patch.iter().all(dark) {
             return Err(hinted(
                 anyhow!("nothing emits: every material has an emission of 0"),
-                "give one an `emission` by `--materials FILE`, patches theirs by `--emission FILE.npy`, or the sky by \
-                 `--sky-radiance FILE.npy`",
+                "give one an `emission` by `--materials FILE`, patches theirs by `--emission FILE.npy`, the sky by \
+                 `--sky-radiance FILE.npy`, or suns by `--suns FILE`",
             ));
         }
+        let of_bands = |moments: u64| moments * bands.len() as u64;
         Ok(Self {
-            rows: emission
-                .as_ref()
-                .or(sky.as_ref().map(|sky| &sky.radiance))
-                .map_or(bands.len() as u64, ArrayFile::rows),
+            rows: emission.as_ref().or(sky.as_ref().map(|sky| &sky.radiance)).map_or(
+                of_bands(sun.as_ref().map_or(1, |(names, _)| names.len() as u64)),
+                ArrayFile::rows,
+            ),
             bands,
             table,
             row_table,
             options: arguments.options(),
-            kind: Kind::Light(Light {
+            kind: Kind::Light(Box::new(Light {
                 optics,
                 kind_of_patch,
                 emission,
                 sky,
-            }),
+                sun,
+            })),
         })
     }
 
@@ -776,7 +841,13 @@ impl<'a> Task<'a> {
                 returned = self.row_table.returned_beside(&seen);
                 Some(outside)
             }
-            None => None,
+            None => light.sun.as_ref().map(|(_, arriving)| {
+                let moment =
+                    |column: u64| usize::try_from((rows.start + column) / self.bands.len() as u64).unwrap_or(0);
+                Block::from_fn(patches, bands.len(), |patch, column| {
+                    arriving.of(patch)[moment(column as u64)]
+                })
+            }),
         };
         let emission = match &light.emission {
             None => Block::from_fn(patches, bands.len(), |patch, column| {
@@ -941,6 +1012,26 @@ fn write_csv(stored: &StoredSolution, store: &Store, table: &PatchTable, record:
 }
 
 /// How much of the energy the solution does not account for, in a line.
+/// Sunlight of a single moment, or its means over several.
+fn sunlight_text(record: &Record) -> String {
+    let count = record.sunlight.len();
+    if count == 0 {
+        return String::new();
+    }
+    let mean = |of: &dyn Fn(&Sunlight) -> f64| record.sunlight.iter().map(of).sum::<f64>() / count as f64;
+    let mut list = Listing::default();
+    list.add(
+        "sunlight",
+        format!(
+            "{} W arrives from the sun and the sky, {} W is absorbed after all reflections{}",
+            figures(mean(&|of| of.arriving)),
+            figures(mean(&|of| of.absorbed)),
+            if count > 1 { ", on average" } else { "" }
+        ),
+    );
+    list.text()
+}
+
 fn energy(record: &Record) -> String {
     let unaccounted = |balance: &EnergyBalance| balance.unaccounted().abs();
     let worst = record.balance.iter().map(unaccounted).fold(0.0, f64::max);
@@ -959,16 +1050,11 @@ fn energy(record: &Record) -> String {
 /// The solver's work, for `-v`.
 fn text(record: &Record, store: &Store, seconds: f64) -> String {
     let mut list = Listing::default();
-    let method = match record.method {
-        Method::Jacobi => "Jacobi".to_owned(),
-        Method::GaussSeidel => "Gauss–Seidel".to_owned(),
-        Method::Gmres { .. } => "GMRES".to_owned(),
-    };
     let worst = record.residuals.iter().copied().fold(0.0, f64::max);
     list.add(
         "solved",
         format!(
-            "{} for {} of {} by {method}: residual {} after {}, {}",
+            "{} for {} of {} by GMRES: residual {} after {}, {}",
             if record.quantity == "heat" { "heat" } else { "light" },
             counted(record.residuals.len() as u64, "right-hand side"),
             counted(store.patch_count().into(), "patch"),

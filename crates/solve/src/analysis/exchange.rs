@@ -22,8 +22,14 @@
 //! A column of G is the irradiance where surface j alone emits ε_j: [`solve`] finds some tens of them at once, by
 //! products with F'. No elimination, because that takes N³ operations where scenes of many surfaces have sparse F.
 //!
+//! [`Conductors`] has A_i 𝓕_ij as the conductors of a thermal network, each pair once.
+//!
 //! [`RowTable::returned`]: hemicube_store::RowTable::returned
 //! [`solve`]: crate::solve::solve
+
+mod conductors;
+
+pub use conductors::Conductors;
 
 use super::zones::{DENSE_MAX as SURFACES_MAX, GroupBy, zones};
 use crate::solve::{
@@ -525,7 +531,7 @@ mod tests {
     use super::*;
 
     /// A network of areas, escaped shares and dense rows.
-    fn network(area: &[f64], escaped: &[f64], rows: &[Vec<f64>]) -> Network {
+    pub(super) fn network(area: &[f64], escaped: &[f64], rows: &[Vec<f64>]) -> Network {
         let rows: Vec<Vec<(u32, f64)>> = rows
             .iter()
             .map(|row| (0..).zip(row).map(|(to, &factor)| (to, factor)).collect())
@@ -539,7 +545,7 @@ mod tests {
         Network::built(names, measures, (0..).take(area.len()).collect(), &rows, Form::Plain)
     }
 
-    fn exchange(network: &Network, emissivity: &[f64]) -> Exchange {
+    pub(super) fn exchange(network: &Network, emissivity: &[f64]) -> Exchange {
         Exchange::new(network, &[emissivity.to_vec()], 1, &mut |_, _| true).expect("a network")
     }
 

@@ -56,6 +56,8 @@ pub enum PropertyStep {
     Thermal,
     /// Give each surface an emissivity.
     Emissivity,
+    /// Give each surface an absorptance, or a reflectance.
+    Absorptance,
     /// Compute the matrix by one of these kinds of patches; or give this surface a value in a table of its object.
     Patches {
         /// The kinds.
@@ -220,6 +222,8 @@ pub struct Entry {
     pub emission: Option<Spectrum>,
     /// From 0 to 1; bands are for exchange factors.
     pub emissivity: Option<Spectrum>,
+    /// Share of the sun's radiation that is absorbed, from 0 to 1.
+    pub absorptance: Option<f64>,
     /// A given temperature.
     pub temperature: Option<Temperature>,
     /// No net flux on any patch.
@@ -291,17 +295,25 @@ enum Value {
     Reflectance,
     Emission,
     Emissivity,
+    Absorptance,
     Condition,
 }
 
 impl Value {
-    const ALL: [Self; 4] = [Self::Reflectance, Self::Emission, Self::Emissivity, Self::Condition];
+    const ALL: [Self; 5] = [
+        Self::Reflectance,
+        Self::Emission,
+        Self::Emissivity,
+        Self::Absorptance,
+        Self::Condition,
+    ];
 
     fn name(self) -> &'static str {
         match self {
             Self::Reflectance => "a reflectance",
             Self::Emission => "an emission",
             Self::Emissivity => "an emissivity",
+            Self::Absorptance => "an absorptance",
             Self::Condition => "a temperature, flux or heat",
         }
     }
@@ -311,6 +323,7 @@ impl Value {
             Self::Reflectance => entry.reflectance.is_some(),
             Self::Emission => entry.emission.is_some(),
             Self::Emissivity => entry.emissivity.is_some(),
+            Self::Absorptance => entry.absorptance.is_some(),
             Self::Condition => entry.has_condition(),
         }
     }
@@ -320,6 +333,7 @@ impl Value {
             Self::Reflectance => a.reflectance == b.reflectance,
             Self::Emission => a.emission == b.emission,
             Self::Emissivity => a.emissivity == b.emissivity,
+            Self::Absorptance => a.absorptance == b.absorptance,
             Self::Condition => a.condition() == b.condition(),
         }
     }
@@ -704,6 +718,53 @@ impl Properties {
         ))
     }
 
+    /// Absorptance of the sun's radiation of each kind, and whether it is 1 less the mean reflectance, for want of one
+    /// of its own.
+    ///
+    /// # Errors
+    /// When a kind with patches has neither, a value is out of range, or patches are of several kinds.
+    pub fn absorptances(&self) -> Result<Vec<(f64, bool)>> {
+        self.require_clear(&[Value::Absorptance])?;
+        let needs_reflectance = |kind: &Kind| kind.is_used && kind.entry.absorptance.is_none();
+        if self.kinds.iter().any(needs_reflectance) {
+            self.require_clear(&[Value::Reflectance])?;
+        }
+        let (mut missing, mut found) = (Vec::new(), Vec::new());
+        for kind in &self.kinds {
+            if let Some(given) = kind.entry.absorptance {
+                if !(0.0..=1.0).contains(&given) {
+                    return Err(PropertyError::new(format!(
+                        "{} has an absorptance of {given}; it is from 0 to 1",
+                        self.shown(kind)
+                    )));
+                }
+                found.push((given, false));
+                continue;
+            }
+            let of_scene = self.scene.as_ref().and_then(|scene| scene.get(kind.material as usize));
+            let of_scene = of_scene.and_then(|values| values[0]).map(|value| value.to_vec());
+            let given = kind.entry.reflectance.as_ref();
+            let given = given.map(|value| self.spectrum(&self.shown(kind), "reflectance", value, 1.0));
+            let reflectance = given.transpose()?.or(of_scene);
+            found.push(match reflectance {
+                Some(bands) => (1.0 - bands.iter().sum::<f64>() / bands.len().max(1) as f64, true),
+                None => {
+                    if kind.is_used {
+                        missing.push(self.listed(kind));
+                    }
+                    (0.0, false)
+                }
+            });
+        }
+        if missing.is_empty() {
+            return Ok(found);
+        }
+        Err(PropertyError::with(
+            format!("no absorptance is known of {}", short_list(&missing)),
+            PropertyStep::Absorptance,
+        ))
+    }
+
     /// Number of objects or materials with emissivities of the scene, and the least and greatest of these.
     pub fn emissivities_of_scene(&self) -> Option<(usize, f64, f64)> {
         let values = self.kinds.iter().filter(|kind| kind.is_used);
@@ -828,6 +889,9 @@ impl Properties {
             reflectance: reflectance.or_else(|| of_scene(0)),
             emission: emission.or_else(|| of_scene(1)),
             emissivity: emissivity.or_else(scene_emissivity),
+            absorptance: first
+                .absorptance
+                .filter(|_| agree(&|e| e.absorptance == first.absorptance)),
             ..Entry::default()
         };
         if agree(&|e| e.condition() == first.condition()) {
@@ -1022,6 +1086,7 @@ fn agreed(of_name: &[Option<&Entry>]) -> (Entry, Vec<Value>) {
             Value::Reflectance => entry.reflectance = first.reflectance.clone(),
             Value::Emission => entry.emission = first.emission.clone(),
             Value::Emissivity => entry.emissivity = first.emissivity.clone(),
+            Value::Absorptance => entry.absorptance = first.absorptance,
             Value::Condition => entry.take_condition(&first),
         }
     }
@@ -1066,6 +1131,7 @@ fn kinds(
             reflectance: entries().find_map(|entry| entry.reflectance.clone()),
             emission: entries().find_map(|entry| entry.emission.clone()),
             emissivity: entries().find_map(|entry| entry.emissivity.clone()),
+            absorptance: entries().find_map(|entry| entry.absorptance),
             ..Entry::default()
         };
         for (at, value) in [(0, Value::Reflectance), (1, Value::Emission)] {

@@ -10,7 +10,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// The name of what lies outside.
-const SURROUNDINGS: &str = "(surroundings)";
+pub(super) const SURROUNDINGS: &str = "(surroundings)";
 
 /// A number of a band and two surfaces.
 type Value<'a> = &'a dyn Fn(usize, usize, usize) -> f64;
@@ -35,6 +35,17 @@ impl Format {
             ),
         }
     }
+}
+
+/// The endings of files of all factors.
+pub(super) fn names_of_factors() -> impl Iterator<Item = &'static str> {
+    ["csv", "json", "npz"].into_iter()
+}
+
+/// A path ends so, in upper or lower case.
+pub(super) fn ends_in(path: &Path, ending: &str) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
 }
 
 /// The factors of a network, and its bands.

@@ -2,7 +2,7 @@
 
 use super::moments::{Moments, Surroundings};
 use super::surfaces::{EnclosuresOfHeat, Results};
-use super::{Arguments, Surfaces};
+use super::{Arguments, Sunlight, Surfaces, Work};
 use crate::args::{By, Talk};
 use crate::exit::hinted;
 use crate::materials;
@@ -17,12 +17,13 @@ use hemicube::sky::StoredSky;
 use hemicube::solve::{
     Block, Condition, Enclosures, Factors, Heat, HeatSolution, Named, OPEN, Problem, Properties, Reading, Solution,
     SolveError, SolveOptions, Step, Temperature, Thermal, Undetermined, disagreement, enclosures, open_share,
-    question_of_cold, solve_heats,
+    question_of_cold, solve, solve_heats,
 };
 use hemicube::store::{Manifest, PatchTable, RowTable, Store};
 use serde::Serialize;
 use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 /// Surfaces named of a solution that did not converge.
 const UNSETTLED_SHOWN: usize = 3;
@@ -101,6 +102,71 @@ impl Recorded {
     }
 }
 
+/// Says which surfaces absorb what they do not reflect, for want of an absorptance.
+fn tell_of_absorptances(absorptances: &[(f64, bool)], kind_of_patch: &[u32], talk: Talk) {
+    let mut is_used = vec![false; absorptances.len()];
+    kind_of_patch.iter().for_each(|&kind| is_used[kind as usize] = true);
+    let guessed: Vec<f64> = absorptances
+        .iter()
+        .zip(is_used)
+        .filter(|((_, is_guessed), is_used)| *is_guessed && *is_used)
+        .map(|((absorptance, _), _)| *absorptance)
+        .collect();
+    if guessed.is_empty() {
+        return;
+    }
+    let (least, most) = guessed
+        .iter()
+        .fold((1.0f64, 0.0f64), |(least, most), &a| (least.min(a), most.max(a)));
+    talk.warn(&format!(
+        "{} without an `absorptance`: 1 less the reflectance is taken, {least:.2} to {most:.2}",
+        counted(guessed.len() as u64, "surface")
+    ));
+}
+
+/// Sunlight that each patch absorbs after all reflections, in W/m²: a vector a moment. `arriving` is what arrives from
+/// outside, and `of` the absorptance of a patch.
+fn absorbed(
+    arguments: &Arguments,
+    factors: &dyn Factors,
+    (table, rows): (&PatchTable, &RowTable),
+    arriving: &Block,
+    of: &dyn Fn(usize) -> f64,
+    work: &Work<'_>,
+) -> Result<Vec<Vec<f64>>> {
+    let (patches, moments) = (table.len(), arriving.columns());
+    let absorptance: Vec<f64> = (0..patches).map(|patch| of(patch).min(rows.kept(patch))).collect();
+    let mut found = Vec::with_capacity(moments);
+    let at_once = usize::try_from(work.at_once).unwrap_or(usize::MAX);
+    while found.len() < moments {
+        let first = found.len();
+        let count = at_once.min(moments - first);
+        let problem = Problem {
+            reflectance: Block::from_fn(patches, 1, |patch, _| rows.kept(patch) - absorptance[patch]),
+            bands: vec![0; count],
+            emission: Block::from_fn(patches, count, |_, _| 0.0),
+            outside: Some(Block::from_fn(patches, count, |patch, column| {
+                arriving.of(patch)[first + column]
+            })),
+            returned: Some(rows.returned()),
+        };
+        let mut progress = |_: Step| !work.cancel.load(Ordering::SeqCst);
+        let solution = solve(factors, &problem, arguments.options(), &mut progress)?;
+        if !solution.converged {
+            bail!(
+                "the residual of reflected sunlight did not reach {}; allow more with `--max-iterations`, or give what \
+                 reflects nearly all an absorptance",
+                figures(arguments.residual)
+            );
+        }
+        found.extend((0..count).map(|column| {
+            let of = |patch: usize| absorptance[patch] * solution.irradiance.of(patch)[column];
+            (0..patches).map(of).collect::<Vec<f64>>()
+        }));
+    }
+    Ok(found)
+}
+
 /// An exchange of heat between the patches of a matrix.
 pub(super) struct Exchange {
     thermal: Vec<Thermal>,
@@ -108,6 +174,7 @@ pub(super) struct Exchange {
     heat: Heat,
     surroundings: Surroundings,
     moments: Moments,
+    pub(super) sunlight: Vec<Sunlight>,
     /// Grouping of the results by surface.
     by: By,
     /// Surfaces of one radiosity in place of patches.
@@ -128,6 +195,7 @@ impl Exchange {
         table: &PatchTable,
         rows: &RowTable,
         properties: &Properties,
+        work: Work<'_>,
     ) -> Result<Self> {
         let thermal = properties.thermal().map_err(materials::told)?;
         let mut heat = Heat::new(&thermal, properties.kind_of_patch(), &table.area, rows)?;
@@ -153,7 +221,29 @@ impl Exchange {
         };
         surroundings.surround(&mut heat, ambient);
         let (load, kelvin) = (arguments.load.as_deref(), arguments.schedule.as_deref());
-        let moments = Moments::read(load, kelvin, store.manifest(), table)?;
+        let suns = work.sun.as_ref().map(|(suns, _)| *suns);
+        let mut moments = Moments::read(load, kelvin, suns, store.manifest(), table)?;
+        if let (None, Some(suns)) = (arguments.sky_temperature, suns) {
+            moments.take_skies(suns);
+        }
+        let sunlight = match &work.sun {
+            None => Vec::new(),
+            Some((_, arriving)) => {
+                let absorptances = properties.absorptances().map_err(materials::told)?;
+                tell_of_absorptances(&absorptances, properties.kind_of_patch(), work.talk);
+                let of = |patch: usize| absorptances[properties.kind_of_patch()[patch] as usize].0;
+                let absorbed = absorbed(arguments, factors, (table, rows), arriving, &of, &work)?;
+                let watts =
+                    |of: &dyn Fn(usize) -> f64| (0..table.len()).map(|patch| table.area[patch] * of(patch)).sum();
+                let sunlight = absorbed.iter().enumerate().map(|(moment, absorbed)| Sunlight {
+                    arriving: watts(&|patch| arriving.of(patch)[moment]),
+                    absorbed: watts(&|patch| absorbed[patch]),
+                });
+                let sunlight = sunlight.collect();
+                moments.absorb(absorbed);
+                sunlight
+            }
+        };
         let of_scene = properties.emissivities_of_scene();
         let is_asked = arguments.by.is_some()
             || arguments.network
@@ -183,6 +273,7 @@ impl Exchange {
             heat,
             surroundings,
             moments,
+            sunlight,
             enclosures: found,
             undetermined: Undetermined::default(),
             reading: arguments.reading(),
@@ -515,7 +606,7 @@ fn spread(network: &Network, found: HeatSolution) -> HeatSolution {
 }
 
 /// The share of each patch's view that leaves the scene below the horizon, by its sky rows.
-fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Result<Vec<f64>> {
+pub(super) fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64]) -> Result<Vec<f64>> {
     let path = match &arguments.sky {
         Some(path) => path.clone(),
         None => stored::sky(store).map_err(|error| {

@@ -50,7 +50,7 @@ impl Results {
         stored: &StoredSolution,
         store: &Store,
         patches: &PatchTable,
-        bands: &[String],
+        (bands, moment): (&[String], usize),
     ) -> Result<Self> {
         let usual = match store.manifest().patch_kind() {
             PatchKind::Material => By::Material,
@@ -73,7 +73,7 @@ impl Results {
         let mut radiosity = Vec::with_capacity(bands.len());
         for band in 0..bands.len() as u64 {
             for (array, is_radiosity) in arrays.iter().zip([true, false]) {
-                let values = array.row(band)?;
+                let values = array.row((moment * bands.len()) as u64 + band)?;
                 let mut sums = vec![0.0; surfaces.len()];
                 for ((value, area), &zone) in values.iter().zip(&patches.area).zip(&zone_of) {
                     sums[zone as usize] += value * area;
@@ -104,9 +104,20 @@ impl Results {
         })
     }
 
-    /// Mean and range, and the table.
-    pub(super) fn text(&self) -> String {
+    /// Mean and range, and the table; of the moment of this name, where there are several.
+    pub(super) fn text(&self, moment: Option<&str>) -> String {
         let mut list = Listing::default();
+        let moments = self.rows / self.bands.len() as u64;
+        if let Some(moment) = moment {
+            let which = match moments {
+                0 | 1 => moment.to_owned(),
+                _ => format!(
+                    "{moment}, the brightest of {}; `-o FILE.csv --by object` has all",
+                    count(moments)
+                ),
+            };
+            list.add("moment", which);
+        }
         for (band, range) in self.bands.iter().zip(&self.radiosity) {
             list.add(
                 &format!("radiosity, {band}"),
@@ -118,16 +129,17 @@ impl Results {
                 ),
             );
         }
-        if self.rows > self.bands.len() as u64 {
+        if moment.is_none() && moments > 1 {
             list.add(
                 "",
-                format!(
-                    "of the first of {} right-hand sides a band",
-                    count(self.rows / self.bands.len() as u64)
-                ),
+                format!("of the first of {} right-hand sides a band", count(moments)),
             );
         }
-        list.add("unit", "that of the emission given, per area: W/m² for W/m²");
+        let unit = match moment {
+            Some(_) => "W/m²",
+            None => "that of the emission given, per area: W/m² for W/m²",
+        };
+        list.add("unit", unit);
         let mut shown: Vec<&Surface> = self.surfaces.iter().collect();
         if shown.len() > SURFACES_SHOWN {
             shown.sort_by(|a, b| b.area.total_cmp(&a.area));
@@ -168,15 +180,21 @@ impl Results {
         let cannot = || format!("`{}` cannot be written", path.display());
         let text = match Format::of(path)? {
             Format::Json => serde_json::to_string_pretty(self).context("the results are no JSON")? + "\n",
-            Format::Csv => self.csv(),
+            Format::Csv => self.csv(None),
         };
         let mut file = PendingFile::create(path)?;
         file.write_all(text.as_bytes()).with_context(cannot)?;
         file.commit()
     }
 
-    fn csv(&self) -> String {
-        let mut text = format!("{},patches,area", self.by.name());
+    /// A line a surface, with the name of the moment where there is one.
+    fn csv(&self, moment: Option<&str>) -> String {
+        let of_moment = moment.map(|moment| format!("{},", field(moment))).unwrap_or_default();
+        let mut text = match moment {
+            Some(_) => "moment,".to_owned(),
+            None => String::new(),
+        };
+        text.push_str(&format!("{},patches,area", self.by.name()));
         for quantity in ["radiosity", "irradiance"] {
             for band in &self.bands {
                 text.push_str(&format!(",{}", field(&format!("{quantity}_{band}"))));
@@ -185,7 +203,7 @@ impl Results {
         text.push('\n');
         for surface in &self.surfaces {
             text.push_str(&format!(
-                "{},{},{}",
+                "{of_moment}{},{},{}",
                 field(&surface.name),
                 surface.patches,
                 surface.area
@@ -197,4 +215,38 @@ impl Results {
         }
         text
     }
+}
+
+/// Writes results by surface of several moments, a line a moment and surface.
+pub(super) fn write_moments(path: &Path, names: &[String], at: impl Fn(usize) -> Result<Results>) -> Result<()> {
+    #[derive(Serialize)]
+    struct Moment<'a> {
+        moment: &'a str,
+        #[serde(flatten)]
+        results: Results,
+    }
+    let cannot = || format!("`{}` cannot be written", path.display());
+    let format = Format::of(path)?;
+    let mut file = PendingFile::create(path)?;
+    let mut moments = Vec::new();
+    for (place, moment) in names.iter().enumerate() {
+        let results = at(place)?;
+        match format {
+            Format::Json => moments.push(Moment { moment, results }),
+            Format::Csv => {
+                let lines = results.csv(Some(moment));
+                let head = if place > 0 {
+                    lines.find('\n').map_or(0, |end| end + 1)
+                } else {
+                    0
+                };
+                file.write_all(&lines.as_bytes()[head..]).with_context(cannot)?;
+            }
+        }
+    }
+    if let Format::Json = format {
+        let text = serde_json::to_string_pretty(&moments).context("the results are no JSON")? + "\n";
+        file.write_all(text.as_bytes()).with_context(cannot)?;
+    }
+    file.commit()
 }

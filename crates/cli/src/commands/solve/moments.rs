@@ -12,6 +12,8 @@
 
 use crate::exit::hinted;
 use crate::report::counted;
+use crate::suns::Suns;
+use crate::table::{Head, Located, head, told};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::solve::{ArrayFile, Heat, SolveError, Temperature};
 use hemicube::store::{Manifest, PatchTable};
@@ -52,6 +54,10 @@ struct Table {
 pub(super) struct Moments {
     loads: Option<Table>,
     temperatures: Option<Table>,
+    /// Sunlight that each patch absorbs, in W/m², a moment each.
+    absorbed: Vec<Vec<f64>>,
+    /// Temperatures of the sky by the suns' table, K, a moment each; empty where it does not hold.
+    skies: Vec<f64>,
     names: Vec<String>,
 }
 
@@ -60,6 +66,7 @@ impl Moments {
     pub(super) fn read(
         loads: Option<&Path>,
         temperatures: Option<&Path>,
+        suns: Option<&Suns>,
         manifest: &Manifest,
         table: &PatchTable,
     ) -> Result<Self> {
@@ -87,26 +94,45 @@ impl Moments {
                 path.display()
             );
         }
-        let tables: Vec<&Table> = loads.iter().chain(&temperatures).collect();
-        if let [one, other] = tables[..]
-            && one.names.len() != other.names.len()
-            && one.names.len().min(other.names.len()) > 1
-        {
+        let tables = loads.iter().chain(&temperatures);
+        let mut given: Vec<(&Path, &[String])> = tables.map(|table| (&*table.path, &*table.names)).collect();
+        given.extend(suns.map(|suns| (&*suns.path, &*suns.names)));
+        let (path, names) = given
+            .iter()
+            .max_by_key(|(_, names)| names.len())
+            .copied()
+            .unwrap_or((Path::new(""), &[]));
+        let other = given
+            .iter()
+            .find(|(_, other)| other.len() > 1 && other.len() != names.len());
+        if let Some((other, of_other)) = other {
             bail!(
                 "`{}` has {}, and `{}` {}: give both the same, or one of them a single one, which then holds for all",
-                one.path.display(),
-                counted(one.names.len() as u64, "moment"),
-                other.path.display(),
-                counted(other.names.len() as u64, "moment")
+                path.display(),
+                counted(names.len() as u64, "moment"),
+                other.display(),
+                counted(of_other.len() as u64, "moment")
             );
         }
-        let names = tables.iter().map(|table| &table.names).max_by_key(|names| names.len());
-        let names = names.cloned().unwrap_or_default();
+        let names = names.to_vec();
         Ok(Self {
             loads,
             temperatures,
+            absorbed: Vec::new(),
+            skies: Vec::new(),
             names,
         })
+    }
+
+    /// Adds sunlight that each patch absorbs, in W/m²: a vector for each sun.
+    pub(super) fn absorb(&mut self, absorbed: Vec<Vec<f64>>) {
+        self.absorbed = absorbed;
+    }
+
+    /// Takes the temperatures of the sky from a table of suns that has one at each moment.
+    pub(super) fn take_skies(&mut self, suns: &Suns) {
+        let skies = suns.moments.iter().map(|moment| moment.sky_temperature);
+        self.skies = skies.collect::<Option<_>>().unwrap_or_default();
     }
 
     /// Number of moments.
@@ -122,6 +148,10 @@ impl Moments {
     /// The exchange at the temperatures of a moment.
     pub(super) fn at(&self, moment: usize, heat: &Heat, surroundings: &Surroundings) -> Result<Heat> {
         let mut found = heat.clone();
+        let place = if self.skies.len() == 1 { 0 } else { moment };
+        if let Some(&kelvin) = self.skies.get(place) {
+            surroundings.surround(&mut found, kelvin);
+        }
         if let Some(table) = &self.temperatures {
             if let Some(kelvin) = table.outside(moment) {
                 surroundings.surround(&mut found, kelvin);
@@ -135,14 +165,19 @@ impl Moments {
 
     /// What each patch takes up from elsewhere at a moment, in W/m².
     pub(super) fn load_at(&self, moment: usize) -> Result<Option<Vec<f64>>> {
-        self.loads.as_ref().map(|table| table.of(moment, 0.0)).transpose()
+        let load = self.loads.as_ref().map(|table| table.of(moment, 0.0)).transpose()?;
+        let place = if self.absorbed.len() == 1 { 0 } else { moment };
+        let Some(absorbed) = self.absorbed.get(place) else {
+            return Ok(load);
+        };
+        let load = load.unwrap_or_else(|| vec![0.0; absorbed.len()]);
+        Ok(Some(load.iter().zip(absorbed).map(|(load, sun)| load + sun).collect()))
     }
 
     /// Returns whether the surroundings have a temperature at each moment.
     pub(super) fn has_surroundings(&self) -> bool {
-        self.temperatures
-            .as_ref()
-            .is_some_and(|table| table.outside(0).is_some())
+        let is_scheduled = |table: &Table| table.outside(0).is_some();
+        !self.skies.is_empty() || self.temperatures.as_ref().is_some_and(is_scheduled)
     }
 }
 
@@ -252,33 +287,12 @@ struct Cells {
     surfaces: Vec<(String, Vec<f64>)>,
 }
 
-/// An error, and its line where it has one.
-type Located = (Option<u64>, anyhow::Error);
-
 impl Cells {
     fn read(bytes: &[u8], number: &dyn Fn(&str) -> Result<f64>) -> Result<Self, Located> {
-        let bytes = hemicube_scene::text::unmarked(bytes).map_err(|error| (None, anyhow!(error)))?;
-        // What ends the first word of the header, `patch`, `surface` or `time`.
-        let head = bytes.split(|&byte| byte == b'\n').find(|line| !line.starts_with(b"#"));
-        let separator = head.and_then(|head| head.iter().copied().find(|byte| b",;\t".contains(byte)));
-        let separator = separator.unwrap_or(b',');
-        let mut reader = csv::ReaderBuilder::new()
-            .delimiter(separator)
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_reader(bytes);
-        let wrong = |error: csv::Error| {
-            let line = error.position().map(csv::Position::line);
-            let reason = match error.kind() {
-                csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-                    anyhow!("has {len} fields where the header has {expected_len}")
-                }
-                csv::ErrorKind::Utf8 { .. } => anyhow!("is no UTF-8 text; save it as UTF-8"),
-                _ => anyhow!("is no table: {error}"),
-            };
-            (line, reason)
-        };
-        let header: Vec<String> = reader.headers().map_err(wrong)?.iter().map(str::to_owned).collect();
+        let Head {
+            mut reader,
+            names: header,
+        } = head(bytes)?;
         let first = header
             .first()
             .map_or_else(String::new, |name| name.to_ascii_lowercase());
@@ -296,7 +310,7 @@ impl Cells {
         let columns = &header[1.min(header.len())..];
         let mut lines: Vec<(String, Vec<f64>)> = Vec::new();
         for record in reader.records() {
-            let record = record.map_err(wrong)?;
+            let record = record.map_err(|error| told(&error))?;
             let line = record.position().map(csv::Position::line);
             let mut fields = record.iter();
             let name = fields.next().unwrap_or_default().to_owned();

@@ -406,7 +406,10 @@ impl Results {
             list.add("enclosures", format!("{} more", count(more)));
         }
         if self.alone > 0 {
-            list.add("alone", format!("{} that see no other", counted(self.alone, "patch")));
+            list.add(
+                "alone",
+                format!("{} without another in sight", counted(self.alone, "patch")),
+            );
         }
         text.push_str(&list.text());
         text

@@ -1,0 +1,436 @@
+//! Light, mean radiant temperature and UTCI at points, over the moments of a table of suns.
+//!
+//! On a body with the kernel k(ω) ([`hemicube::points`]) arrive, in W/m² of its surface on average:
+//!
+//! ```text
+//! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude
+//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 2,305 parts of it
+//! reflected  Σ F_j B_j, of the radiosities B of a solution of light
+//! ```
+//!
+//! The mean radiant temperature is that of black surroundings that would be absorbed as much of (VDI 3787 part 2, 2008),
+//! and UTCI follows from it by the polynomial of Bröde et al. (2012).
+
+use super::heat::Heat;
+use super::sensors::Sensors;
+use super::{Arguments, BodyName};
+use crate::exit::hinted;
+use crate::prepare::Prepared;
+use crate::report::{PendingFile, count, counted, table};
+use crate::suns::Suns;
+use crate::table::field;
+use anyhow::{Context, Result, anyhow, bail};
+use glam::DVec3;
+use hemicube::points::{SensorRow, Table};
+use hemicube::portal::Portals;
+use hemicube::reference::{RayEnd, Reference, ReferenceSettings};
+use hemicube::sky::SkyDivision;
+use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution};
+use hemicube::store::Store;
+use hemicube_weather::comfort::{
+    CELSIUS_ZERO, Posture, absorbed, mean_radiant_temperature, projected_area, utci,
+};
+use std::f64::consts::PI;
+use std::io::Write;
+use std::path::Path;
+use std::thread;
+
+/// How finely radiances of the sky are divided, and rays to it: 577 and 2,305 parts.
+const PARTS: u32 = 2;
+const PARTS_OF_RAYS: u32 = 4;
+/// Moments in the table on the terminal.
+const SHOWN: usize = 24;
+/// Least wind that UTCI is defined for, m/s; calmer air counts as that (Bröde et al. 2012).
+const LEAST_WIND: f64 = 0.5;
+
+/// The moments, and the radiosities at each.
+pub(super) struct Hours {
+    suns: Suns,
+    /// Of light, by triangle, W/m²: one a moment, or none.
+    light: Vec<Vec<f64>>,
+    /// Of heat: one a moment, one for all, or none.
+    heats: Vec<Heat>,
+}
+
+/// What a row brings at a moment without its shadows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Brought {
+    /// W/m².
+    reflected: f64,
+    /// Mean radiant temperature without light, K; NaN without heat.
+    longwave: f64,
+}
+
+/// Results of a row at a moment: irradiances in W/m², the mean radiant temperature in K and UTCI in °C; NaN where they
+/// are not known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Felt {
+    direct: f64,
+    diffuse: f64,
+    reflected: f64,
+    radiant: f64,
+    utci: f64,
+}
+
+impl Felt {
+    fn irradiance(&self) -> f64 {
+        self.direct + self.diffuse + self.reflected
+    }
+}
+
+impl Hours {
+    /// The moments of a table with the solutions given for them.
+    ///
+    /// # Errors
+    /// When a solution has another number of moments, two are of one kind, or the body has no radiant temperature.
+    pub(super) fn new(
+        arguments: &Arguments,
+        suns: Suns,
+        solutions: &[(Store, StoredSolution)],
+        prepared: &Prepared,
+        body: BodyName,
+    ) -> Result<Self> {
+        let (mut light, mut heats) = (Vec::new(), Vec::new());
+        for (store, solution) in solutions {
+            let is_of_heat = solution.report()["quantity"] == "heat";
+            let radiosity = solution.quantity("radiosity")?;
+            let rows = usize::try_from(radiosity.rows()).unwrap_or(usize::MAX);
+            let what = if is_of_heat { "heat" } else { "light" };
+            if rows != suns.len() && !(is_of_heat && rows == 1) {
+                return Err(hinted(
+                    anyhow!(
+                        "the solution of {what} in `{}` has {}, and `{}` {}",
+                        store.directory().display(),
+                        counted(rows as u64, "right-hand side"),
+                        suns.path.display(),
+                        counted(suns.len() as u64, "moment")
+                    ),
+                    format!(
+                        "`hemicube solve {} --suns {}` makes one",
+                        crate::shell::word(store.directory()),
+                        crate::shell::word(&suns.path)
+                    ),
+                ));
+            }
+            if is_of_heat {
+                for (moment, row) in (0..rows).zip(0..) {
+                    let sky = suns.moments[moment].sky_temperature.filter(|_| rows == suns.len());
+                    heats.push(Heat::new(arguments, store, solution, prepared, (row, sky))?);
+                }
+                // One solution, and many skies.
+                if rows == 1 && suns.len() > 1 && suns.moments.iter().all(|moment| moment.sky_temperature.is_some()) {
+                    heats.clear();
+                    for moment in &suns.moments {
+                        heats.push(Heat::new(arguments, store, solution, prepared, (0, moment.sky_temperature))?);
+                    }
+                }
+            } else {
+                let read = |row: usize| {
+                    let radiosity = radiosity.row(row as u64)?;
+                    Ok(match &prepared.grouping {
+                        Some(grouping) => grouping.spread(&radiosity),
+                        None => radiosity,
+                    })
+                };
+                light = (0..rows).map(read).collect::<Result<_>>()?;
+            }
+        }
+        if !heats.is_empty() && matches!(body, BodyName::Plane | BodyName::Cube) {
+            bail!("a mean radiant temperature with the sun is of `--as person`, `sphere` or `cylinder`");
+        }
+        Ok(Self { suns, light, heats })
+    }
+
+    /// Refuses what rays to sun and sky do not go through.
+    ///
+    /// # Errors
+    /// For a scene with mirrors, panes or images.
+    pub(super) fn require_direct(portals: &Portals) -> Result<()> {
+        if portals.is_empty() {
+            return Ok(());
+        }
+        bail!(
+            "points see sun and sky directly alone, and this scene has mirrors, panes or images; `hemicube solve --suns` \
+             goes through them"
+        )
+    }
+
+    /// True if there is light of a solution.
+    pub(super) fn has_light(&self) -> bool {
+        !self.light.is_empty()
+    }
+
+    /// What a row brings at each moment.
+    pub(super) fn of_row(&self, row: &SensorRow) -> Vec<Brought> {
+        let heat = |moment: usize| self.heats.get(if self.heats.len() == 1 { 0 } else { moment });
+        let of = |moment: usize| Brought {
+            reflected: self.light.get(moment).map_or(0.0, |radiosity| {
+                let of_patch = |&(patch, factor): &(hemicube::InputPatch, f64)| factor * radiosity[patch.0 as usize];
+                row.patches.iter().map(of_patch).sum()
+            }),
+            longwave: heat(moment).map_or(f64::NAN, |heat| heat.temperature(row)),
+        };
+        (0..self.suns.len()).map(of).collect()
+    }
+
+    /// Results of all rows at all moments, a moment after the other in each row. `rows` are the share of sky of each row
+    /// and what it brings.
+    ///
+    /// # Errors
+    /// When the scene is too large for rays, or a sky has no radiance.
+    pub(super) fn felt(
+        &self,
+        prepared: &Prepared,
+        sensors: &Sensors,
+        rows: &[(f64, &[Brought])],
+        threads: usize,
+    ) -> Result<Vec<Felt>> {
+        let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
+        let skies = self.skies(sensors)?;
+        let each = sensors.items.first().map_or(1, |sensor| sensor.body.rows());
+        let share = sensors.items.len().div_ceil(threads.max(1)).max(1);
+        let found: Vec<Vec<Felt>> = thread::scope(|scope| {
+            let workers: Vec<_> = (0..sensors.items.len())
+                .step_by(share)
+                .map(|first| {
+                    let (reference, skies) = (&reference, &skies);
+                    scope.spawn(move || {
+                        let mut found = Vec::new();
+                        for sensor in first..(first + share).min(sensors.items.len()) {
+                            let rows = &rows[sensor * each..(sensor + 1) * each];
+                            self.at(reference, sensors, sensor, rows, skies, &mut found);
+                        }
+                        found
+                    })
+                })
+                .collect();
+            let join = |worker: thread::ScopedJoinHandle<'_, Vec<Felt>>| {
+                worker.join().unwrap_or_else(|payload| std::panic::resume_unwind(payload))
+            };
+            workers.into_iter().map(join).collect()
+        });
+        Ok(found.into_iter().flatten().collect())
+    }
+
+    fn skies(&self, sensors: &Sensors) -> Result<Option<Skies>> {
+        if self.suns.uneven().is_none() {
+            return Ok(None);
+        }
+        let divisions = SkyDivision::new(PARTS).zip(SkyDivision::new(PARTS_OF_RAYS));
+        let (division, fine) = divisions.context("a division of the sky")?;
+        let horizon = sensors.horizon;
+        let radiances = (0..self.suns.len()).map(|at| self.suns.radiances(at, &division, horizon));
+        let rays = (1..fine.columns()).map(|column| {
+            let middle = fine.middle(column);
+            SkyRay {
+                direction: horizon.east * middle.x + horizon.north * middle.y + horizon.up * middle.z,
+                solid_angle: fine.solid_angle(column),
+                column: division.column(middle) as usize,
+            }
+        });
+        Ok(Some(Skies {
+            rays: rays.collect(),
+            radiances: radiances.collect::<Result<_>>()?,
+        }))
+    }
+
+    /// Results of a sensor, row after row.
+    fn at(
+        &self,
+        reference: &Reference<'_>,
+        sensors: &Sensors,
+        sensor: usize,
+        rows: &[(f64, &[Brought])],
+        skies: &Option<Skies>,
+        found: &mut Vec<Felt>,
+    ) {
+        let (item, horizon) = (&sensors.items[sensor], &sensors.horizon);
+        let is_open = |direction: DVec3| reference.first(item.position, direction) == RayEnd::Nothing;
+        // The weight of each column of the sky in each row, as far as it is open.
+        let weights: Option<Vec<Vec<f64>>> = skies.as_ref().map(|skies| {
+            let columns = skies.radiances.first().map_or(0, Vec::len);
+            let mut weights = vec![vec![0.0; columns]; rows.len()];
+            for ray in &skies.rays {
+                let kernel = item.body.kernel(horizon, ray.direction);
+                if kernel.iter().any(|&kernel| kernel > 0.0) && is_open(ray.direction) {
+                    for (weights, kernel) in weights.iter_mut().zip(kernel) {
+                        weights[ray.column] += kernel * ray.solid_angle;
+                    }
+                }
+            }
+            weights
+        });
+        let direct: Vec<Vec<f64>> = self
+            .suns
+            .moments
+            .iter()
+            .map(|moment| {
+                let sun = moment.direction;
+                if moment.direct == 0.0 || horizon.is_below(sun) || !is_open(sun) {
+                    return vec![0.0; rows.len()];
+                }
+                if sensors.body == BodyName::Person {
+                    let altitude = sun.dot(horizon.up).clamp(0.0, 1.0).asin().to_degrees();
+                    let factor = projected_area(altitude, None, Posture::Standing).unwrap_or(f64::NAN);
+                    return vec![factor * moment.direct];
+                }
+                let kernel = item.body.kernel(horizon, sun);
+                kernel.into_iter().map(|kernel| PI * kernel * moment.direct).collect()
+            })
+            .collect();
+        for (side, &(sky, brought)) in rows.iter().enumerate() {
+            for (at, (moment, brought)) in self.suns.moments.iter().zip(brought).enumerate() {
+                let diffuse = match (skies, &weights) {
+                    (Some(skies), Some(weights)) => sky * PI * mean(&weights[side], &skies.radiances[at], moment.diffuse),
+                    _ => sky * moment.diffuse,
+                };
+                let mut felt = Felt {
+                    direct: direct[at][side],
+                    diffuse,
+                    reflected: brought.reflected,
+                    radiant: f64::NAN,
+                    utci: f64::NAN,
+                };
+                if brought.longwave.is_finite() {
+                    let longwave = STEFAN_BOLTZMANN * brought.longwave.powi(4);
+                    let radiant = mean_radiant_temperature(absorbed(felt.irradiance(), longwave));
+                    felt.radiant = radiant.unwrap_or(f64::NAN);
+                    if let Some(air) = moment.air {
+                        let radiant = felt.radiant - CELSIUS_ZERO;
+                        let wind = air.wind.max(LEAST_WIND);
+                        felt.utci = utci(air.temperature, radiant, wind, air.humidity).unwrap_or(f64::NAN);
+                    }
+                }
+                found.push(felt);
+            }
+        }
+    }
+
+    /// Names of the quantities that there are, with their units, and how to take them.
+    fn columns(&self) -> Vec<(&'static str, fn(&Felt) -> f64)> {
+        let mut columns: Vec<(&'static str, fn(&Felt) -> f64)> =
+            vec![("direct (W/m2)", |felt| felt.direct), ("diffuse (W/m2)", |felt| felt.diffuse)];
+        if self.has_light() {
+            columns.push(("reflected (W/m2)", |felt| felt.reflected));
+        }
+        columns.push(("irradiance (W/m2)", Felt::irradiance));
+        if !self.heats.is_empty() {
+            columns.push(("mean_radiant_temperature (K)", |felt| felt.radiant));
+            if self.suns.moments.iter().any(|moment| moment.air.is_some()) {
+                columns.push(("utci (degC)", |felt| felt.utci));
+            }
+        }
+        columns
+    }
+
+    /// Means over all rows, a line a moment.
+    pub(super) fn text(&self, felt: &[Felt]) -> String {
+        let columns = self.columns();
+        let moments = self.suns.len();
+        let lines = self.suns.names.iter().take(SHOWN).enumerate().map(|(at, name)| {
+            let mut line = vec![name.clone()];
+            for (_, of) in &columns {
+                let known = felt.iter().skip(at).step_by(moments).map(of).filter(|value| value.is_finite());
+                let (sum, count) = known.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
+                line.push(match count {
+                    0 => "–".to_owned(),
+                    _ => format!("{:.1}", sum / f64::from(count)),
+                });
+            }
+            line
+        });
+        let mut head = vec!["moment, mean of all points"];
+        head.extend(columns.iter().map(|(name, _)| *name));
+        let mut text = crate::report::table_of(&head, lines);
+        if moments > SHOWN {
+            text.push_str(&format!("{} more are not shown\n", count((moments - SHOWN) as u64)));
+        }
+        text
+    }
+
+    /// Rows whose UTCI is not known though the air is: the polynomial is not defined for them.
+    pub(super) fn without_utci(&self, felt: &[Felt]) -> u64 {
+        let air = self.suns.moments.iter().cycle();
+        felt.iter()
+            .zip(air)
+            .filter(|(felt, moment)| moment.air.is_some() && felt.radiant.is_finite() && felt.utci.is_nan())
+            .count() as u64
+    }
+
+    /// Writes a line a moment and row.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub(super) fn csv(&self, path: &Path, sensors: &Sensors, felt: &[Felt]) -> Result<()> {
+        let cannot = || format!("`{}` cannot be written", path.display());
+        let each = sensors.items.first().map_or(1, |sensor| sensor.body.rows());
+        let (columns, moments) = (self.columns(), self.suns.len());
+        let mut file = PendingFile::create(path)?;
+        let mut out = std::io::BufWriter::new(&mut file);
+        let side = if each > 1 { ",side" } else { "" };
+        let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+        writeln!(out, "moment,point,x,y,z{side},{}", names.join(",")).with_context(cannot)?;
+        for (at, name) in self.suns.names.iter().enumerate() {
+            for (row, felt) in felt.iter().skip(at).step_by(moments).enumerate() {
+                let [x, y, z] = sensors.items[row / each].position.to_array();
+                write!(out, "{},{},{x},{y},{z}", field(name), row / each).with_context(cannot)?;
+                if each > 1 {
+                    write!(out, ",{}", super::output::SIDES[row % each].0).with_context(cannot)?;
+                }
+                for (_, of) in &columns {
+                    match of(felt) {
+                        value if value.is_finite() => write!(out, ",{value:.3}"),
+                        _ => write!(out, ","),
+                    }
+                    .with_context(cannot)?;
+                }
+                writeln!(out).with_context(cannot)?;
+            }
+        }
+        out.flush().with_context(cannot)?;
+        drop(out);
+        file.commit()
+    }
+
+    /// The results as arrays: a row a moment, a column a row of the sensors.
+    pub(super) fn arrays(&self, felt: &[Felt]) -> Vec<(&'static str, Table)> {
+        let moments = self.suns.len();
+        let shape = vec![moments as u64, (felt.len() / moments) as u64];
+        let columns = self.columns().into_iter().map(|(name, of)| {
+            let name = name.split(' ').next().unwrap_or(name);
+            let values = (0..moments).flat_map(|at| felt.iter().skip(at).step_by(moments).map(of)).collect();
+            (name, Table::Real(shape.clone(), values))
+        });
+        columns.collect()
+    }
+
+    /// The mean over the moments of a row's radiant temperature, or of its irradiance without one.
+    pub(super) fn means(&self, felt: &[Felt]) -> Vec<f64> {
+        let of = |felt: &Felt| if self.heats.is_empty() { felt.irradiance() } else { felt.radiant };
+        felt.chunks(self.suns.len())
+            .map(|row| row.iter().map(of).sum::<f64>() / row.len() as f64)
+            .collect()
+    }
+}
+
+/// Radiances of the skies, and rays to them.
+struct Skies {
+    rays: Vec<SkyRay>,
+    /// W/(m² sr), by moment and column.
+    radiances: Vec<Vec<f64>>,
+}
+
+struct SkyRay {
+    direction: DVec3,
+    solid_angle: f64,
+    column: usize,
+}
+
+/// The mean radiance by weights; of an even sky of this irradiance where no ray reached it.
+fn mean(weights: &[f64], radiances: &[f64], diffuse: f64) -> f64 {
+    let sums = weights
+        .iter()
+        .zip(radiances)
+        .fold((0.0, 0.0), |(sum, whole), (weight, radiance)| (sum + weight * radiance, whole + weight));
+    if sums.1 > 0.0 { sums.0 / sums.1 } else { diffuse / PI }
+}

@@ -1,0 +1,202 @@
+//! Sunlight for `hemicube solve`: what the suns of a table and their skies send to each patch.
+
+use super::Arguments;
+use super::heat;
+use crate::args::Talk;
+use crate::exit::hinted;
+use crate::forecast;
+use crate::prepare::Prepared;
+use crate::report::counted;
+use crate::stored;
+use crate::suns::Suns;
+use anyhow::{Context, Result, bail};
+use glam::DVec3;
+use hemicube::frame::Horizon;
+use hemicube::portal::Portals;
+use hemicube::sky::{Glazed, SUN_ERROR, SkyDivision, sky_product, sunlight, sunlit};
+use hemicube::solve::Block;
+use hemicube::store::{RowTable, Store};
+use hemicube_scene::{Axis, Budget, InputPatch};
+
+/// Moments whose skies are multiplied with the sky rows at a time.
+const SKIES_AT_ONCE: usize = 64;
+
+/// What each patch gets of the skies: a row a patch, a column a moment, in W/m².
+///
+/// An even sky needs each patch's share of it alone; another needs the sky rows of the matrix.
+///
+/// # Errors
+/// When the sky is not even, and the matrix has no sky rows, or when they are of other patches.
+pub(super) fn skylight(
+    arguments: &Arguments,
+    store: &Store,
+    rows: &RowTable,
+    suns: &Suns,
+    talk: Talk,
+) -> Result<Block> {
+    let Some(model) = suns.uneven() else {
+        let above = share_of_sky(arguments, store, rows, suns, talk)?;
+        return Ok(Block::from_fn(above.len(), suns.len(), |patch, at| {
+            suns.moments[at].diffuse * above[patch]
+        }));
+    };
+    let rows_of_sky = match &arguments.sky {
+        Some(path) => Ok(path.clone()),
+        None => stored::sky(store),
+    };
+    let path = rows_of_sky.map_err(|error| {
+        hinted(
+            error.context(format!("a sky such as `{model}` needs to know which part of it each patch sees")),
+            format!(
+                "`hemicube sky SCENE --matrix {} --division reinhart:2` computes it, with `--up` and `--north` where the \
+                 scene does not say",
+                crate::shell::word(store.directory())
+            ),
+        )
+    })?;
+    let (division, horizon) = stored::sky_frame(&path)?;
+    let patches = rows.escaped.len();
+    let mut found = Block::zeros(patches, suns.len());
+    for first in (0..suns.len()).step_by(SKIES_AT_ONCE) {
+        let moments = first..(first + SKIES_AT_ONCE).min(suns.len());
+        // A patch of the sky sends π times its radiance, like a white wall.
+        let sent = |at: usize| {
+            let radiances = suns.radiances(at, &division, horizon)?;
+            Ok(radiances
+                .into_iter()
+                .map(|radiance| std::f64::consts::PI * radiance)
+                .collect())
+        };
+        let vectors: Vec<Vec<f64>> = moments.clone().map(sent).collect::<Result<_>>()?;
+        let product = sky_product(&path, &vectors)?;
+        if product.patches() != patches {
+            bail!(
+                "`{}` is of {} patches, and the matrix of {patches}",
+                path.display(),
+                product.patches()
+            );
+        }
+        for patch in 0..patches {
+            found.of_mut(patch)[moments.clone()].copy_from_slice(product.of(patch));
+        }
+    }
+    Ok(found)
+}
+
+/// The share of each patch's view that is sky: what leaves the scene, without what the sky rows know to be below the
+/// horizon.
+fn share_of_sky(arguments: &Arguments, store: &Store, rows: &RowTable, suns: &Suns, talk: Talk) -> Result<Vec<f64>> {
+    let escaped = || {
+        rows.escaped
+            .iter()
+            .map(|&share| if share.is_nan() { 0.0 } else { share })
+    };
+    if !suns.has_sky() {
+        return Ok(escaped().collect());
+    }
+    if arguments.sky.is_none() && stored::sky(store).is_err() {
+        talk.warn(&format!(
+            "diffuse light comes from all that leaves the scene, also from below the horizon; `hemicube sky {} --matrix \
+             {}` tells the sky from the ground",
+            crate::shell::word(store.manifest().scene.file.as_ref()),
+            crate::shell::word(store.directory())
+        ));
+        return Ok(escaped().collect());
+    }
+    let below = heat::below_horizon(arguments, store, &rows.escaped)?;
+    Ok(escaped()
+        .zip(&below)
+        .map(|(escaped, below)| (escaped - below).max(0.0))
+        .collect())
+}
+
+/// A matrix's scene as suns see it.
+pub(super) struct Lit<'a> {
+    prepared: &'a Prepared,
+    portals: Portals,
+    error: f64,
+    threads: usize,
+}
+
+impl<'a> Lit<'a> {
+    /// The scene of a matrix, to the error of its tolerance.
+    pub(super) fn new(arguments: &Arguments, store: &Store, prepared: &'a mut Prepared) -> Result<Self> {
+        let portals = stored::portals(store, prepared, crate::args::EngineSettings::default().hierarchy())?;
+        let tolerance = store.manifest().settings["tolerance"].as_f64();
+        Ok(Self {
+            prepared,
+            portals,
+            error: tolerance.unwrap_or(SUN_ERROR).min(SUN_ERROR),
+            threads: arguments.options().threads(),
+        })
+    }
+
+    /// Adds what the suns send to each patch to `arriving`, W/m²: a row a patch, a column a moment.
+    ///
+    /// # Errors
+    /// When there is not the memory for it, or the scene is too large.
+    pub(super) fn add(&self, suns: &Suns, arriving: &mut Block) -> Result<()> {
+        let shining: Vec<usize> = (0..suns.len()).filter(|&at| suns.moments[at].direct > 0.0).collect();
+        let (patches, elements) = (arriving.patches(), self.prepared.patches.len());
+        let what = format!(
+            "sunlight of {} on {}",
+            counted(suns.len() as u64, "moment"),
+            counted(patches as u64, "patch")
+        );
+        let numbers = 4 * elements * shining.len() + 16 * patches * suns.len();
+        forecast::require(
+            Budget::default(),
+            numbers as u64,
+            &what,
+            "solve for fewer suns at a time",
+        )?;
+        let directions: Vec<DVec3> = shining.iter().map(|&at| suns.moments[at].direction).collect();
+        let shares = self.of(&directions)?;
+        for (sun, &at) in shining.iter().enumerate() {
+            let of_sun: Vec<f64> = (0..elements)
+                .map(|element| f64::from(shares[element * shining.len() + sun]))
+                .collect();
+            let of_rows = match &self.prepared.grouping {
+                Some(grouping) => grouping.means(&of_sun, &self.areas()),
+                None => of_sun,
+            };
+            for (patch, share) in of_rows.into_iter().enumerate() {
+                arriving.of_mut(patch)[at] += suns.moments[at].direct * share;
+            }
+        }
+        Ok(())
+    }
+
+    fn areas(&self) -> Vec<f64> {
+        let patches = &self.prepared.patches;
+        patches.iter().map(|patch| patches.area(patch)).collect()
+    }
+
+    /// The irradiance of each element from each sun of 1 across its beam: a row an element.
+    fn of(&self, suns: &[DVec3]) -> Result<Vec<f32>> {
+        // No sun is hidden by a horizon here: at night its irradiance is 0.
+        let horizon = Horizon::new(Axis::Z, 0.0).without_ground();
+        let patches: Vec<InputPatch> = self.prepared.patches.iter().collect();
+        let model = &self.prepared.model;
+        if let Some(specular) = &self.portals.specular {
+            let division = SkyDivision::new(1).context("a sky of one division")?;
+            let glazed = Glazed {
+                division: &division,
+                specular,
+                images: self.portals.images.as_ref(),
+                horizon,
+            };
+            return Ok(sunlight(model, &patches, suns, glazed, self.error, self.threads));
+        }
+        let mut shares = sunlit(model, &patches, suns, horizon, self.error, self.threads)?;
+        for (at, &patch) in patches.iter().enumerate() {
+            let normal = self.prepared.patches.normal(patch);
+            for (sun, direction) in suns.iter().enumerate() {
+                #[allow(clippy::cast_possible_truncation, reason = "a cosine")]
+                let cosine = normal.dot(*direction).max(0.0) as f32;
+                shares[at * suns.len() + sun] *= cosine;
+            }
+        }
+        Ok(shares)
+    }
+}

@@ -1,0 +1,329 @@
+//! Tables of suns, for `solve` and `points`; `hemicube suns` makes them.
+//!
+//! ```text
+//! time,x,y,z,direct (W/m2),diffuse (W/m2),sky
+//! 09:00,0.5,-0.7,0.5,700,90,perez
+//! 12:00,0,-0.5,0.87,850,110,perez
+//! ```
+//!
+//! A line is a moment: the direction towards the sun in the scene's axes, its irradiance across the beam and, where there
+//! is one, the sky's on a level plane that sees all of it. The first column that is called `time`, `moment`, `hour` or
+//! `name` names the moments. Further columns: `sky` says how the sky's radiance is spread (`uniform` without it),
+//! `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K), `air_temperature` (°C),
+//! `humidity` (%) and `wind` (m/s) what else people and surfaces feel.
+
+use crate::exit::hinted;
+use crate::table::{Head, head, short, told};
+use anyhow::{Context, Result, anyhow, bail};
+use glam::DVec3;
+use hemicube::frame::Horizon;
+use hemicube::sky::SkyDivision;
+use hemicube_weather::sky::{Cie, Model, Patch, Perez, radiances};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// The sun's irradiance above the atmosphere where a table does not say it, W/m² (ASTM E490-00).
+const EXTRATERRESTRIAL: f64 = 1366.1;
+
+/// How the radiance of the sky is spread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SkyModel {
+    /// The same from everywhere.
+    Uniform,
+    /// A standard sky of the CIE, 1 to 16.
+    Cie(u8),
+    /// By Perez, Seals and Michalsky (1993).
+    Perez,
+}
+
+impl FromStr for SkyModel {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match &*text.to_ascii_lowercase() {
+            "uniform" => Ok(Self::Uniform),
+            "perez" => Ok(Self::Perez),
+            "overcast" => Ok(Self::Cie(16)),
+            "clear" => Ok(Self::Cie(12)),
+            name => name
+                .strip_prefix("cie")
+                .and_then(|number| number.parse().ok())
+                .filter(|number| (1..=16).contains(number))
+                .map(Self::Cie)
+                .ok_or_else(|| {
+                    "uniform, overcast, clear, perez, or a standard sky, cie1 to cie16, is needed".to_owned()
+                }),
+        }
+    }
+}
+
+impl fmt::Display for SkyModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Uniform => f.write_str("uniform"),
+            Self::Cie(16) => f.write_str("overcast"),
+            Self::Cie(12) => f.write_str("clear"),
+            Self::Cie(number) => write!(f, "cie{number}"),
+            Self::Perez => f.write_str("perez"),
+        }
+    }
+}
+
+/// The air at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Air {
+    /// °C.
+    pub(crate) temperature: f64,
+    /// Relative humidity, %.
+    pub(crate) humidity: f64,
+    /// Speed of the wind 10 m above the ground, m/s.
+    pub(crate) wind: f64,
+}
+
+/// One moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Moment {
+    /// Towards the sun, of length 1; 0 where the table has none.
+    pub(crate) direction: DVec3,
+    /// W/m² across the beam.
+    pub(crate) direct: f64,
+    /// W/m² on a level plane that sees the whole sky.
+    pub(crate) diffuse: f64,
+    /// How that is spread over the sky.
+    pub(crate) sky: SkyModel,
+    extraterrestrial: f64,
+    /// Temperature of the sky, K.
+    pub(crate) sky_temperature: Option<f64>,
+    /// The air, where the table has all of it.
+    pub(crate) air: Option<Air>,
+}
+
+/// The moments of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Suns {
+    pub(crate) path: PathBuf,
+    /// A name a moment.
+    pub(crate) names: Vec<String>,
+    pub(crate) moments: Vec<Moment>,
+}
+
+impl Suns {
+    /// Reads a table.
+    ///
+    /// # Errors
+    /// When it cannot be read, has no moment, or a line is malformed: the error names it.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let bytes =
+            hemicube_scene::read_regular(path).with_context(|| format!("`{}` cannot be read", path.display()))?;
+        Self::of(&bytes, path)
+    }
+
+    fn of(bytes: &[u8], path: &Path) -> Result<Self> {
+        let at = |line: Option<u64>, error: anyhow::Error| match line {
+            Some(line) => anyhow!("{}:{line}: {error}", path.display()),
+            None => anyhow!("`{}` {error}", path.display()),
+        };
+        let Head { mut reader, names } = head(bytes).map_err(|(line, error)| at(line, error))?;
+        let column = |wanted: &[&str]| names.iter().position(|name| wanted.contains(&&*short(name)));
+        let needed = |wanted: &str| {
+            column(&[wanted]).ok_or_else(|| {
+                hinted(
+                    at(Some(1), anyhow!("there is no column `{wanted}`")),
+                    "a header such as `time,x,y,z,direct,diffuse` names the columns: the direction towards the sun, and \
+                     W/m² across its beam and from the sky on a level plane; `hemicube suns` makes such a table",
+                )
+            })
+        };
+        let [x, y, z, direct] = [needed("x")?, needed("y")?, needed("z")?, needed("direct")?];
+        let (diffuse, name) = (column(&["diffuse"]), column(&["time", "moment", "hour", "name"]));
+        let [sky, extraterrestrial] = [column(&["sky"]), column(&["extraterrestrial"])];
+        let sky_temperature = column(&["sky_temperature"]);
+        let air = [column(&["air_temperature"]), column(&["humidity"]), column(&["wind"])];
+        let mut found = Self {
+            path: path.to_owned(),
+            names: Vec::new(),
+            moments: Vec::new(),
+        };
+        for record in reader.records() {
+            let record = record.map_err(|error| {
+                let (line, error) = told(&error);
+                at(line, error)
+            })?;
+            let line = record.position().map(csv::Position::line);
+            let number = |column: usize| {
+                let text = record.get(column).unwrap_or_default();
+                let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+                number.ok_or_else(|| at(line, anyhow!("`{text}` of `{}` is no number", names[column])))
+            };
+            let power = |column: usize| match number(column)? {
+                power if power >= 0.0 => Ok(power),
+                power => Err(at(line, anyhow!("`{}` is {power}, below 0", names[column]))),
+            };
+            let given = |column: usize| {
+                record
+                    .get(column)
+                    .filter(|text| !text.is_empty())
+                    .map(|_| power(column))
+            };
+            let towards = DVec3::new(number(x)?, number(y)?, number(z)?);
+            let model = match sky
+                .and_then(|column| record.get(column))
+                .filter(|text| !text.is_empty())
+            {
+                None => SkyModel::Uniform,
+                Some(text) => text
+                    .parse()
+                    .map_err(|error: String| at(line, anyhow!("the sky `{text}` is not known: {error}")))?,
+            };
+            let air = match air {
+                [Some(temperature), Some(humidity), Some(wind)] => Some(Air {
+                    temperature: number(temperature)?,
+                    humidity: power(humidity)?,
+                    wind: power(wind)?,
+                }),
+                _ => None,
+            };
+            let moment = Moment {
+                direct: power(direct)?,
+                diffuse: diffuse.map_or(Ok(0.0), power)?,
+                direction: towards.try_normalize().unwrap_or(DVec3::ZERO),
+                sky: model,
+                extraterrestrial: extraterrestrial.and_then(given).unwrap_or(Ok(EXTRATERRESTRIAL))?,
+                sky_temperature: sky_temperature.and_then(given).transpose()?,
+                air,
+            };
+            if moment.direct > 0.0 && moment.direction == DVec3::ZERO {
+                return Err(at(line, anyhow!("the direction towards the sun has no length")));
+            }
+            let given = name.and_then(|name| record.get(name)).filter(|name| !name.is_empty());
+            found
+                .names
+                .push(given.map_or_else(|| format!("sun {}", found.moments.len()), str::to_owned));
+            found.moments.push(moment);
+        }
+        if found.moments.is_empty() {
+            bail!(
+                "`{}` has no sun: a line each below the header is needed",
+                path.display()
+            );
+        }
+        Ok(found)
+    }
+
+    /// Number of moments.
+    pub(crate) fn len(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// True if light comes from the sky at a moment.
+    pub(crate) fn has_sky(&self) -> bool {
+        self.moments.iter().any(|moment| moment.diffuse > 0.0)
+    }
+
+    /// The first moment whose sky is not the same from everywhere, and brings light.
+    pub(crate) fn uneven(&self) -> Option<SkyModel> {
+        let mut with_light = self.moments.iter().filter(|moment| moment.diffuse > 0.0);
+        with_light
+            .find(|moment| moment.sky != SkyModel::Uniform)
+            .map(|moment| moment.sky)
+    }
+
+    /// The sky's radiances at a moment, W/(m² sr), by the columns of a division: 0 for the ground, which is dark.
+    ///
+    /// # Errors
+    /// When the sky's model has no radiance at this moment.
+    pub(crate) fn radiances(&self, at: usize, division: &SkyDivision, horizon: Horizon) -> Result<Vec<f64>> {
+        let moment = &self.moments[at];
+        let mut found = vec![0.0; division.columns() as usize];
+        if moment.diffuse == 0.0 {
+            return Ok(found);
+        }
+        let told = |error: hemicube_weather::sky::Error| {
+            anyhow!("the sky of `{}` in `{}`: {error}", self.names[at], self.path.display())
+        };
+        let model = match moment.sky {
+            SkyModel::Uniform => Model::Uniform,
+            SkyModel::Cie(number) => Model::Cie(Cie::new(number).map_err(told)?),
+            SkyModel::Perez => {
+                Model::Perez(Perez::new(moment.direct, moment.diffuse, moment.extraterrestrial).map_err(told)?)
+            }
+        };
+        let patches: Vec<Patch> = (1..division.columns())
+            .map(|column| Patch {
+                direction: division.middle(column).to_array(),
+                solid_angle: division.solid_angle(column),
+                projected: std::f64::consts::PI * division.share_of_a_level_plane(column),
+            })
+            .collect();
+        let sun = moment.direction;
+        let sun = (sun != DVec3::ZERO).then(|| [sun.dot(horizon.east), sun.dot(horizon.north), sun.dot(horizon.up)]);
+        found[1..].copy_from_slice(&radiances(&model, sun, moment.diffuse, &patches).map_err(told)?);
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemicube_scene::Axis;
+
+    #[test]
+    fn columns_are_found_by_name_and_faults_by_line() {
+        let read = |text: &str| Suns::of(text.as_bytes(), "s.csv".as_ref());
+        let found =
+            read("# a day\ntime;direct (W/m2);x;y;z;sky_temperature (K)\n09:00;700;0;0;2;280\nnight;0;0;0;0;\n")
+                .expect("suns");
+        assert_eq!(found.names, ["09:00", "night"]);
+        let [noon, night] = &found.moments[..] else {
+            panic!("{found:?}")
+        };
+        assert_eq!(
+            (noon.direction, noon.direct, noon.sky_temperature),
+            (DVec3::Z, 700.0, Some(280.0))
+        );
+        assert!(!found.has_sky() && night.direction == DVec3::ZERO && night.sky_temperature.is_none());
+        for (text, words) in [
+            ("x,y,z\n0,0,1\n", "s.csv:1: there is no column `direct`"),
+            ("x,y,z,direct\n0,0,one,5\n", "s.csv:2: `one` of `z` is no number"),
+            ("x,y,z,direct\n0,0,1,-5\n", "`direct` is -5, below 0"),
+            (
+                "x,y,z,direct\n0,0,0,5\n",
+                "s.csv:2: the direction towards the sun has no length",
+            ),
+            (
+                "x,y,z,direct,sky\n0,0,1,5,cie17\n",
+                "s.csv:2: the sky `cie17` is not known",
+            ),
+            ("x,y,z,direct\n", "has no sun"),
+            ("x,y,z,direct\n0,0,1\n", "has 3 fields where the header has 4"),
+        ] {
+            let error = read(text).expect_err(text).to_string();
+            assert!(error.contains(words), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_sky_brings_its_irradiance_to_a_level_plane_and_is_brighter_towards_the_sun() {
+        let division = SkyDivision::new(2).expect("a division");
+        let horizon = Horizon::new(Axis::Y, 30.0);
+        for sky in ["uniform", "overcast", "clear", "cie7", "perez"] {
+            let table = format!("x,y,z,direct,diffuse,sky\n1,0.5,0.2,600,120,{sky}\n");
+            let suns = Suns::of(table.as_bytes(), "s.csv".as_ref()).expect("a sun");
+            let found = suns.radiances(0, &division, horizon).expect("radiances");
+            let level: f64 = (1..division.columns())
+                .map(|column| std::f64::consts::PI * division.share_of_a_level_plane(column) * found[column as usize])
+                .sum();
+            assert!((level - 120.0).abs() < 1e-9, "{sky}: {level}");
+            assert_eq!(found[0], 0.0);
+            let towards = |direction: DVec3| {
+                let local = [horizon.east, horizon.north, horizon.up].map(|axis| axis.dot(direction));
+                found[division.column(DVec3::from_array(local)) as usize]
+            };
+            let sun = suns.moments[0].direction;
+            let away = DVec3::new(-sun.x, sun.y, -sun.z);
+            let is_even = matches!(sky, "uniform" | "overcast");
+            assert_eq!(towards(sun) > 1.5 * towards(away), !is_even, "{sky}");
+        }
+    }
+}
