@@ -147,10 +147,10 @@ fn at_one_temperature_nothing_flows_through_mirrors_and_panes() {
 fn a_balanced_matrix_with_mirrors_closes_and_is_reciprocal() {
     let place = place(&glazed(), GLAZED);
     place
-        .line("compute scene.obj --specular optics.toml --split 2 -o room --correction pixel --resolution 256 --quiet")
+        .line("compute scene.obj --specular optics.toml --split 2 -o room --tolerance 5% --quiet")
         .is(0);
     let before = place.line("check room --json").is(0).json();
-    assert!(before["reciprocity"]["residual"].as_f64().is_some_and(|off| off > 0.01));
+    assert!(before["reciprocity"]["residual"].as_f64().is_some_and(|off| off > 1e-4));
     place.line("balance room -o balanced --closure --quiet").is(0);
     let after = place
         .line("check balanced --json --max-closure 1e-5 --max-reciprocity 1e-5")
