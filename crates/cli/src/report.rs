@@ -284,11 +284,16 @@ impl Listing {
 
 /// A table with a line of headings.
 pub(crate) fn table<const N: usize>(headings: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
+    table_of(&headings, rows)
+}
+
+/// Likewise with as many columns as there are headings.
+pub(crate) fn table_of<R: IntoIterator<Item = String>>(headings: &[&str], rows: impl IntoIterator<Item = R>) -> String {
     let mut table = comfy_table::Table::new();
     table.load_style(comfy_table::presets::NOTHING);
     table.set_header(headings);
     for row in rows {
-        table.add_row(row.map(|cell| shown(&cell).into_owned()));
+        table.add_row(row.into_iter().map(|cell| shown(&cell).into_owned()));
     }
     let mut text: String = table.lines().map(|line| format!("{}\n", line.trim_end())).collect();
     if text.starts_with(' ') {

@@ -362,3 +362,89 @@ fn hours_of_clear_days_are_those_of_a_place() {
         place.line(line).is(2).says(&[words]);
     }
 }
+
+#[test]
+fn points_get_sun_and_sky_and_feel_them() {
+    let place = Place::new();
+    place.write("open.obj", lawn_and_wall());
+    place.write(
+        "day.csv",
+        "time,x,y,z,direct,diffuse,sky,sky_temperature,air_temperature,humidity,wind\n\
+         noon,0,-0.6,0.8,800,100,overcast,280,25,50,2\nnight,0,-0.6,-0.8,0,0,perez,270,15,70,0.1\n",
+    );
+    let table = |line: &str| {
+        place
+            .line(&format!("points open.obj --up z --suns day.csv -o felt.csv --overwrite {line}"))
+            .is(0);
+        let text = std::fs::read_to_string(place.path("felt.csv")).expect("a table");
+        let head: Vec<String> = text.lines().next().expect("a head").split(',').map(str::to_owned).collect();
+        let rows = cells(&text);
+        move |row: usize, name: &str| -> f64 {
+            let at = head.iter().position(|head| head.starts_with(name)).expect("a column");
+            rows[row][at].parse().expect("a number")
+        }
+    };
+    // A plane that looks up, and one that looks south, where no one else is.
+    place.write("planes.txt", "0 0 500 0 0 1\n0 0 500 0 -1 0\n");
+    let planes = table("--points planes.txt");
+    assert!((planes(0, "direct") - 640.0).abs() < 0.01 && (planes(1, "direct") - 480.0).abs() < 0.01);
+    assert!((planes(0, "diffuse") - 100.0).abs() < 0.1, "{}", planes(0, "diffuse"));
+    let wall = 100.0 * overcast_on_a_wall();
+    assert!((planes(1, "diffuse") - wall).abs() < 5e-3 * wall, "{} {wall}", planes(1, "diffuse"));
+    assert_eq!((planes(2, "direct"), planes(2, "diffuse")), (0.0, 0.0));
+    // A sphere between sky and ground: a quarter of the beam, half of each.
+    place.write("high.txt", "0 0 500\n");
+    place.write("m.toml", "[default]\nemissivity = 1\ntemperature = 300\n");
+    place.line("compute open.obj -o f").is(0);
+    place.line("solve f --thermal --materials m.toml --sky-temperature 280").is(0);
+    let sphere = table("--points high.txt --as sphere --solution f --ground-temperature 300");
+    let (light, dark) = (sphere(0, "irradiance"), sphere(1, "irradiance"));
+    // Half of an overcast sky, as a sphere sees it: ∫ (1 + 2 sin γ) / ∫ (1 + 2 sin γ) sin γ, times π over 4π.
+    let of_sky = 100.0 * 0.25 * 2.0 / (7.0 / 9.0 * 1.5);
+    assert!((light - 200.0 - of_sky).abs() < 0.01 * of_sky, "{light} {of_sky}");
+    assert_eq!(dark, 0.0);
+    for (row, sky, short) in [(0, 280.0f64, light), (1, 270.0, 0.0)] {
+        let long = SIGMA * 0.5 * (sky.powi(4) + 300f64.powi(4));
+        let radiant = ((0.7 * short + 0.97 * long) / (0.97 * SIGMA)).powf(0.25);
+        let found = sphere(row, "mean_radiant_temperature");
+        assert!((found - radiant).abs() < 0.05, "{row}: {found} {radiant}");
+        let [air, humidity, wind] = [[25.0, 50.0, 2.0], [15.0, 70.0, 0.5]][row];
+        let utci = hemicube_weather::comfort::utci(air, found - 273.15, wind, humidity).expect("in range");
+        assert!((sphere(row, "utci") - utci).abs() < 0.01, "{row}: {} {utci}", sphere(row, "utci"));
+    }
+    // A person gets f_p of the beam: 0.308 cos(γ (1 − γ² / 48402)) at 53.13°.
+    let person = table("--points high.txt --as person");
+    let angle = 53.130_102f64;
+    let factor = 0.308 * (angle * (1.0 - angle * angle / 48_402.0)).to_radians().cos();
+    assert!((person(0, "direct") - 800.0 * factor).abs() < 0.1, "{}", person(0, "direct"));
+    for (line, words) in [
+        ("--points planes.txt --solution f", "is of `--as person`, `sphere` or `cylinder`"),
+        ("--points high.txt --solution f --solution f", "two of `--solution` are of heat"),
+    ] {
+        let line = format!("points open.obj --up z --suns day.csv {line}");
+        place.line(&line).is(2).says(&[words]);
+    }
+}
+
+/// A shaded point has no beam; a lawn in the sun lights what looks down at it by its reflection.
+#[test]
+fn points_have_shadows_and_reflected_light() {
+    let place = Place::new();
+    place.write("shaded.obj", shaded());
+    place.write("noon.csv", "time,x,y,z,direct,diffuse\nnoon,0,0,1,800,0\n");
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.5\n");
+    place.write("points.txt", "1.5 1.5 0.5 0 0 1\n3.5 3.5 0.5 0 0 1\n3.5 3.5 0.001 0 0 -1\n");
+    place.line("compute shaded.obj -o f --split 8 --tolerance 1%").is(0);
+    place.line("solve f --materials m.toml --suns noon.csv").is(0);
+    place
+        .line("points shaded.obj --up z --points points.txt --suns noon.csv --solution f:radiosity -o felt.csv")
+        .is(0);
+    let rows = cells(&std::fs::read_to_string(place.path("felt.csv")).expect("a table"));
+    let value = |row: usize, at: usize| rows[row][at].parse::<f64>().expect("a number");
+    // moment, point, x, y, z, direct, diffuse, reflected, irradiance
+    assert_eq!(value(0, 5), 0.0);
+    assert!((value(1, 5) - 800.0).abs() < 1e-6);
+    // A millimetre above the floor, which reflects half of 800 W/m² there, and a little from the plate.
+    assert!((value(2, 7) - 400.0).abs() < 0.02 * 400.0, "{rows:?}");
+    assert!((value(2, 8) - value(2, 7)).abs() < 2e-3);
+}

@@ -4,6 +4,7 @@ mod grid;
 mod heat;
 mod output;
 mod sensors;
+mod suns;
 
 use crate::args::{EngineSettings, Report as ReportArguments, SceneSettings, Talk};
 use crate::enclosure;
@@ -16,6 +17,7 @@ use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
 use crate::report::{Input, JsonReport, Listing, SCHEMA, count, counted, duration, figures, percent, print, table};
 use crate::stored;
+use crate::suns::Suns;
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
 use heat::Heat;
@@ -33,6 +35,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+use suns::{Brought, Felt, Hours};
 
 /// The integral over a piece at which reference rays cut no more.
 const REFERENCE_PIECE: f64 = 1e-7;
@@ -90,7 +93,8 @@ pub(crate) struct Arguments {
     )]
     pub(crate) body: Option<BodyName>,
     /// Mean radiant temperature by the radiosities of a solution of `solve --thermal`: a matrix of the scene, and the
-    /// solution's name [default: thermal]
+    /// solution's name [default: thermal]. With `--suns` also reflected light by one of `solve --suns`, `DIR:radiosity`
+    /// (repeatable)
     #[arg(
         long,
         value_name = "DIR[:NAME]",
@@ -98,7 +102,16 @@ pub(crate) struct Arguments {
             "specular", "symmetry", "sector", "periodic"],
         help_heading = "Heat"
     )]
-    pub(crate) solution: Option<PathBuf>,
+    pub(crate) solution: Vec<PathBuf>,
+    /// Light of sun and sky at the moments of this table, as of `hemicube suns`; with radiosities of heat also the mean
+    /// radiant temperature with it, and where the table knows the air, UTCI
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = ["temperatures", "verify", "show", "specular", "symmetry", "sector", "periodic"],
+        help_heading = "Heat"
+    )]
+    pub(crate) suns: Option<PathBuf>,
     /// Mean radiant temperature by black surfaces at the temperatures of a table: a line `name,20 °C` or `name,293` for
     /// each object or material, `*` for all others
     #[arg(long, value_name = "FILE", help_heading = "Heat")]
@@ -166,13 +179,14 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
-        let store = self.solution.as_ref().map(|given| heat::parts_of(given).0);
+        let stores: Vec<PathBuf> = self.solution.iter().map(|given| heat::parts_of(given).0).collect();
         Paths::default()
             .reads([&self.scene])
             .reads(&self.points)
             .reads(&self.temperatures)
             .reads(&self.portals.file())
-            .store(&store)
+            .reads(&self.suns)
+            .store(&stores)
             .writes("-o", &self.output, self.overwrite)
     }
 }
@@ -276,16 +290,18 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     output::require(arguments)?;
     let json = JsonReport::asked(&arguments.report);
     let listed = arguments.points.as_deref().map(sensors::read).transpose()?;
-    let store = arguments.solution.as_deref().map(heat::open).transpose()?;
+    let table = arguments.suns.as_deref().map(Suns::read).transpose()?;
+    let solutions = heat::open_all(&arguments.solution, table.is_some())?;
+    let store = solutions.first();
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
-    let mut prepared = match &store {
+    let mut prepared = match store {
         Some((store, _)) => stored::scene(store, &arguments.scene, &arguments.engine, (&arguments.patches).into()),
         None => prepare(&arguments.scene, &arguments.patches, &arguments.engine, Work::Pixels),
     }?;
     enclosure::note_doubles(&mut prepared, arguments.engine.thread_count());
     enclosure::warn_of_winding(&prepared, arguments.engine.thread_count(), talk);
     let hierarchy = arguments.engine.hierarchy();
-    let portals = match &store {
+    let portals = match store {
         Some((store, _)) => stored::portals(store, &mut prepared, hierarchy)?,
         None => arguments
             .portals
@@ -303,8 +319,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let sensors = Sensors::new(arguments, source, &prepared, &horizon)?;
     sensors.require_within(&portals)?;
     sensors.tell(arguments, talk);
-    let heat = match (&store, &arguments.temperatures) {
-        (Some((store, solution)), _) => Some(Heat::new(arguments, store, solution, &prepared)?),
+    let hours = match table {
+        Some(table) => {
+            Hours::require_direct(&portals)?;
+            Some(Hours::new(arguments, table, &solutions, &prepared, sensors.body)?)
+        }
+        None => None,
+    };
+    let heat = match (store, &arguments.temperatures) {
+        _ if hours.is_some() => None,
+        (Some((store, solution)), _) => Some(Heat::alone(arguments, store, solution, &prepared)?),
         (None, Some(path)) => Some(Heat::of_table(arguments, path, &prepared, talk)?),
         (None, None) => None,
     };
@@ -321,12 +345,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         sensors: &sensors,
         groups: &groups,
         heat: heat.as_ref(),
+        hours: hours.as_ref(),
         is_verbose: talk.verbose,
     };
     let guard = exit::InterruptGuard::new();
-    let Some(rows) = task.rows(cancel, talk)? else {
+    let Some(mut rows) = task.rows(cancel, talk)? else {
         return Ok(Exit::Interrupted);
     };
+    let felt = task.felt(&mut rows)?;
     if let Some(heat) = &heat {
         heat.require_outside(rows.iter().map(|row| &row.row))?;
     }
@@ -353,6 +379,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         groups: &groups,
         rows: &rows,
         has_portals: !task.portals.is_empty(),
+        hours: hours.as_ref().zip(felt.as_deref()),
     };
     for path in &arguments.output {
         written.write(path)?;
@@ -360,11 +387,15 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     drop(guard);
     let seconds = started.elapsed().as_secs_f64();
     if !arguments.report.json {
-        print(&task.results(&rows, verified))?;
+        let of_hours = written.hours.map(|(hours, felt)| hours.text(felt)).unwrap_or_default();
+        print(&(of_hours + &task.results(&rows, verified)))?;
     }
     talk.detail(task.work(&rows, seconds).trim_end());
     for output in &arguments.output {
         talk.say(&format!("written: `{}`", output.display()));
+    }
+    if let Some((hours, felt)) = written.hours {
+        hours.tell(felt, talk);
     }
     let unsettled = rows.iter().filter(|row| !row.row.is_settled).count() as u64;
     if let (true, Some(tolerance)) = (unsettled > 0, arguments.tolerance) {
@@ -386,6 +417,7 @@ struct Task<'a> {
     sensors: &'a Sensors,
     groups: &'a Groups,
     heat: Option<&'a Heat>,
+    hours: Option<&'a Hours>,
     is_verbose: bool,
 }
 
@@ -429,7 +461,9 @@ impl Task<'_> {
         let meter = Meter::new(self.prepared.budget);
         let keep = |sensor: usize, row: SensorRow| {
             let keeps = keeps_patches || verified.binary_search(&sensor).is_ok();
-            let kept = Kept::new(sensor, row, self.groups, self.heat, keeps);
+            let brought = self.hours.map(|hours| hours.of_row(&row)).unwrap_or_default();
+            let mut kept = Kept::new(sensor, row, self.groups, self.heat, keeps);
+            kept.brought = brought;
             meter.take(kept.bytes(), "keeping more rows");
             kept
         };
@@ -451,6 +485,20 @@ impl Task<'_> {
         )?;
         meter.require("fewer points at a time take less, and `--by object` less than patches")?;
         Ok(found)
+    }
+
+    /// Light and temperatures of all rows at all moments; `None` without a table of suns. Rows then have their means.
+    fn felt(&self, rows: &mut [Kept]) -> Result<Option<Vec<Felt>>> {
+        let Some(hours) = self.hours else { return Ok(None) };
+        let brought: Vec<(f64, &[Brought])> = rows.iter().map(|row| (row.row.sky, &*row.brought)).collect();
+        let threads = self.arguments.engine.thread_count();
+        let felt = hours.felt(self.prepared, self.sensors, &brought, threads)?;
+        if let Some(means) = hours.radiant_means(&felt) {
+            for (row, mean) in rows.iter_mut().zip(means) {
+                row.temperature = mean;
+            }
+        }
+        Ok(Some(felt))
     }
 
     /// Sensors that are compared with rays, evenly over all.

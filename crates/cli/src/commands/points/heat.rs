@@ -37,6 +37,36 @@ pub(super) fn open(given: &Path) -> Result<(Store, StoredSolution)> {
     Ok((store, solution))
 }
 
+/// Opens the matrices and solutions: of one scene, one of heat and, with suns, one of light.
+///
+/// # Errors
+/// When one is not there, or several are of one kind or of other scenes.
+pub(super) fn open_all(given: &[PathBuf], with_suns: bool) -> Result<Vec<(Store, StoredSolution)>> {
+    let opened: Vec<(Store, StoredSolution)> = given.iter().map(|given| open(given)).collect::<Result<_>>()?;
+    let kind = |solution: &StoredSolution| solution.report()["quantity"].as_str().unwrap_or_default().to_owned();
+    for (at, (store, solution)) in opened.iter().enumerate() {
+        for (other_store, other) in &opened[..at] {
+            if kind(solution) == kind(other) {
+                bail!("two of `--solution` are of {}, and one is needed", kind(solution));
+            }
+            if store.manifest().scene.blake3 != other_store.manifest().scene.blake3 {
+                bail!(
+                    "`{}` and `{}` are of other scenes",
+                    other_store.directory().display(),
+                    store.directory().display()
+                );
+            }
+        }
+    }
+    if opened.len() > 1 && !with_suns {
+        return Err(hinted(
+            anyhow!("`--solution` is given {} times, and one is needed", opened.len()),
+            "`--suns FILE` takes one of light and one of heat",
+        ));
+    }
+    Ok(opened)
+}
+
 /// Radiosities by triangle in W/m², and the temperatures of sky and ground in kelvin.
 pub(super) struct Heat {
     radiosity: Vec<f64>,
@@ -54,8 +84,8 @@ pub(super) struct Heat {
 const KELVINS_TOLD: f64 = 0.1;
 
 impl Heat {
-    /// Of a solution; where patches are several triangles, each has its patch's radiosity.
-    pub(super) fn new(
+    /// Of a solution of heat with a single right-hand side.
+    pub(super) fn alone(
         arguments: &Arguments,
         store: &Store,
         solution: &StoredSolution,
@@ -71,25 +101,38 @@ impl Heat {
                 format!("`hemicube solve {} --thermal` makes one", store.directory().display()),
             ));
         }
-        let radiosity = solution.quantity("radiosity")?;
-        if radiosity.rows() != 1 {
-            bail!(
-                "the solution in `{}` has {} right-hand sides; one of a single one is needed",
-                store.directory().display(),
-                radiosity.rows()
-            );
+        let rows = solution.quantity("radiosity")?.rows();
+        if rows != 1 {
+            return Err(hinted(
+                anyhow!(
+                    "the solution in `{}` has {rows} right-hand sides; one of a single one is needed",
+                    store.directory().display()
+                ),
+                "`--suns FILE` takes the moments that the solution was made for",
+            ));
         }
-        let heat = &report["surfaces"]["heat"];
+        Self::new(arguments, solution, prepared, (0, None))
+    }
+
+    /// Of a right-hand side of a solution of heat, under a sky of this temperature, in kelvin, unless `--sky-temperature`
+    /// is given; where patches are several triangles, each has its patch's radiosity.
+    pub(super) fn new(
+        arguments: &Arguments,
+        solution: &StoredSolution,
+        prepared: &Prepared,
+        (row, of_sky): (u64, Option<f64>),
+    ) -> Result<Self> {
+        let heat = &solution.report()["surfaces"]["heat"];
         let ambient = heat["ambient"].as_f64();
         let of = |given: Option<f64>, what: &str| {
             given.or(ambient).with_context(|| {
                 format!("the solution does not say what lay outside; `--{what}-temperature KELVIN` does")
             })
         };
-        let sky = of(arguments.sky_temperature, "sky")?;
+        let sky = of(arguments.sky_temperature.or(of_sky), "sky")?;
         let known = arguments.ground_temperature.or_else(|| heat["ground"].as_f64());
         let ground = of(known, "ground")?;
-        let radiosity = radiosity.row(0)?;
+        let radiosity = solution.quantity("radiosity")?.row(row)?;
         let radiosity = match &prepared.grouping {
             Some(grouping) => grouping.spread(&radiosity),
             None => radiosity,

@@ -2,6 +2,7 @@
 
 use super::heat::Heat;
 use super::sensors::Sensors;
+use super::suns::{Brought, Felt, Hours};
 use super::{Arguments, By};
 use crate::exit::hinted;
 use crate::picture::canvas::{Anchor, Canvas, Color, Format as PictureFormat, NOTHING, Rect, WHITE, scale_color};
@@ -24,7 +25,7 @@ const PICTURE: usize = 900;
 /// Pixels between the pictures of a cube's sides, with their names in it.
 const GAP: usize = 24;
 /// The sides of a cube, in the order of [`sides`], and the place of each in the picture.
-const SIDES: [(&str, [usize; 2]); 6] = [
+pub(super) const SIDES: [(&str, [usize; 2]); 6] = [
     ("east", [2, 0]),
     ("north", [1, 0]),
     ("west", [0, 0]),
@@ -182,6 +183,8 @@ pub(super) struct Kept {
     pub(super) groups: Vec<(u32, f64)>,
     /// Mean radiant temperature in kelvin; NaN without a solution.
     pub(super) temperature: f64,
+    /// What it brings at each moment of a table of suns; empty without one.
+    pub(super) brought: Vec<Brought>,
     /// By how much it changes with another ground ([`Heat::change_by_ground`]).
     pub(super) change_by_ground: f64,
 }
@@ -189,7 +192,7 @@ pub(super) struct Kept {
 impl Kept {
     /// Bytes that it takes.
     pub(super) fn bytes(&self) -> u64 {
-        let lists = size_of_val(&self.groups[..]) + size_of_val(&self.row.patches[..]);
+        let lists = size_of_val(&self.groups[..]) + size_of_val(&self.row.patches[..]) + size_of_val(&self.brought[..]);
         (size_of::<Self>() + lists) as u64
     }
 
@@ -201,6 +204,7 @@ impl Kept {
         Self {
             sensor,
             groups: sums.into_iter().collect(),
+            brought: Vec::new(),
             temperature: heat.map_or(f64::NAN, |heat| heat.temperature(&row)),
             change_by_ground: heat.map_or(0.0, |heat| heat.change_by_ground(&row)),
             row: if keeps {
@@ -302,6 +306,8 @@ pub(super) struct Written<'a> {
     pub(super) rows: &'a [Kept],
     /// Then tables have `passed` and `cut_off`.
     pub(super) has_portals: bool,
+    /// The moments of a table of suns, and what all rows get at them: a .csv then has a line a moment and row.
+    pub(super) hours: Option<(&'a Hours, &'a [Felt])>,
 }
 
 fn place_name(place: Place) -> &'static str {
@@ -321,7 +327,10 @@ impl Written<'_> {
     /// When it cannot be written, or a table would have too many columns.
     pub(super) fn write(&self, path: &Path) -> Result<()> {
         match Format::of(path)? {
-            Format::Csv => self.csv(path),
+            Format::Csv => match self.hours {
+                Some((hours, felt)) => hours.csv(path, self.sensors, felt),
+                None => self.csv(path),
+            },
             Format::Json => self.json(path),
             Format::Npz => self.npz(path),
             Format::Picture => self.picture()?.save(path),
@@ -353,7 +362,7 @@ impl Written<'_> {
     }
 
     fn has_heat(&self) -> bool {
-        self.arguments.solution.is_some() || self.arguments.temperatures.is_some()
+        !self.arguments.solution.is_empty() || self.arguments.temperatures.is_some()
     }
 
     /// The direction of a row: a plane's normal, or that of a cube's side.
@@ -506,6 +515,9 @@ impl Written<'_> {
         if self.has_heat() {
             let temperatures = self.rows.iter().map(|row| row.temperature).collect();
             more.push(("mean_radiant_temperature", Table::Real(vec![count], temperatures)));
+        }
+        if let Some((hours, felt)) = self.hours {
+            more.extend(hours.arrays(felt));
         }
         if let Some(raster) = &self.sensors.raster {
             let each = self.sensors.items[0].body.rows();

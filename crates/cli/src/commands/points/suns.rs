@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude
-//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 2,305 parts of it
+//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it
 //! reflected  Σ F_j B_j, of the radiosities B of a solution of light
 //! ```
 //!
@@ -14,9 +14,10 @@
 use super::heat::Heat;
 use super::sensors::Sensors;
 use super::{Arguments, BodyName};
+use crate::args::Talk;
 use crate::exit::hinted;
 use crate::prepare::Prepared;
-use crate::report::{PendingFile, count, counted, table};
+use crate::report::{PendingFile, count, counted};
 use crate::suns::Suns;
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
@@ -27,17 +28,15 @@ use hemicube::reference::{RayEnd, Reference, ReferenceSettings};
 use hemicube::sky::SkyDivision;
 use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
-use hemicube_weather::comfort::{
-    CELSIUS_ZERO, Posture, absorbed, mean_radiant_temperature, projected_area, utci,
-};
+use hemicube_weather::comfort::{CELSIUS_ZERO, Posture, absorbed, mean_radiant_temperature, projected_area, utci};
 use std::f64::consts::PI;
 use std::io::Write;
 use std::path::Path;
 use std::thread;
 
-/// How finely radiances of the sky are divided, and rays to it: 577 and 2,305 parts.
-const PARTS: u32 = 2;
-const PARTS_OF_RAYS: u32 = 4;
+/// How finely radiances of the sky are divided, and rays to it: 2,305 and 9,217 parts.
+const PARTS: u32 = 4;
+const PARTS_OF_RAYS: u32 = 8;
 /// Moments in the table on the terminal.
 const SHOWN: usize = 24;
 /// Least wind that UTCI is defined for, m/s; calmer air counts as that (Bröde et al. 2012).
@@ -115,13 +114,13 @@ impl Hours {
             if is_of_heat {
                 for (moment, row) in (0..rows).zip(0..) {
                     let sky = suns.moments[moment].sky_temperature.filter(|_| rows == suns.len());
-                    heats.push(Heat::new(arguments, store, solution, prepared, (row, sky))?);
+                    heats.push(Heat::new(arguments, solution, prepared, (row, sky))?);
                 }
                 // One solution, and many skies.
                 if rows == 1 && suns.len() > 1 && suns.moments.iter().all(|moment| moment.sky_temperature.is_some()) {
                     heats.clear();
                     for moment in &suns.moments {
-                        heats.push(Heat::new(arguments, store, solution, prepared, (0, moment.sky_temperature))?);
+                        heats.push(Heat::new(arguments, solution, prepared, (0, moment.sky_temperature))?);
                     }
                 }
             } else {
@@ -205,7 +204,9 @@ impl Hours {
                 })
                 .collect();
             let join = |worker: thread::ScopedJoinHandle<'_, Vec<Felt>>| {
-                worker.join().unwrap_or_else(|payload| std::panic::resume_unwind(payload))
+                worker
+                    .join()
+                    .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
             };
             workers.into_iter().map(join).collect()
         });
@@ -281,7 +282,9 @@ impl Hours {
         for (side, &(sky, brought)) in rows.iter().enumerate() {
             for (at, (moment, brought)) in self.suns.moments.iter().zip(brought).enumerate() {
                 let diffuse = match (skies, &weights) {
-                    (Some(skies), Some(weights)) => sky * PI * mean(&weights[side], &skies.radiances[at], moment.diffuse),
+                    (Some(skies), Some(weights)) => {
+                        sky * PI * mean(&weights[side], &skies.radiances[at], moment.diffuse)
+                    }
                     _ => sky * moment.diffuse,
                 };
                 let mut felt = Felt {
@@ -308,8 +311,10 @@ impl Hours {
 
     /// Names of the quantities that there are, with their units, and how to take them.
     fn columns(&self) -> Vec<(&'static str, fn(&Felt) -> f64)> {
-        let mut columns: Vec<(&'static str, fn(&Felt) -> f64)> =
-            vec![("direct (W/m2)", |felt| felt.direct), ("diffuse (W/m2)", |felt| felt.diffuse)];
+        let mut columns: Vec<(&'static str, fn(&Felt) -> f64)> = vec![
+            ("direct (W/m2)", |felt| felt.direct),
+            ("diffuse (W/m2)", |felt| felt.diffuse),
+        ];
         if self.has_light() {
             columns.push(("reflected (W/m2)", |felt| felt.reflected));
         }
@@ -330,7 +335,12 @@ impl Hours {
         let lines = self.suns.names.iter().take(SHOWN).enumerate().map(|(at, name)| {
             let mut line = vec![name.clone()];
             for (_, of) in &columns {
-                let known = felt.iter().skip(at).step_by(moments).map(of).filter(|value| value.is_finite());
+                let known = felt
+                    .iter()
+                    .skip(at)
+                    .step_by(moments)
+                    .map(of)
+                    .filter(|value| value.is_finite());
                 let (sum, count) = known.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
                 line.push(match count {
                     0 => "–".to_owned(),
@@ -348,13 +358,28 @@ impl Hours {
         text
     }
 
-    /// Rows whose UTCI is not known though the air is: the polynomial is not defined for them.
-    pub(super) fn without_utci(&self, felt: &[Felt]) -> u64 {
-        let air = self.suns.moments.iter().cycle();
-        felt.iter()
-            .zip(air)
+    /// Says what the results lack: reflected light, and UTCI where its polynomial is not defined.
+    pub(super) fn tell(&self, felt: &[Felt], talk: Talk) {
+        if !self.has_light() {
+            talk.warn(&format!(
+                "light that surfaces reflect is left out; `hemicube solve DIR --suns {}` makes a solution of it for \
+                 `--solution DIR:radiosity`",
+                crate::shell::word(&self.suns.path)
+            ));
+        }
+        let moments = self.suns.moments.iter().cycle();
+        let undefined = felt
+            .iter()
+            .zip(moments)
             .filter(|(felt, moment)| moment.air.is_some() && felt.radiant.is_finite() && felt.utci.is_nan())
-            .count() as u64
+            .count() as u64;
+        if undefined > 0 {
+            talk.warn(&format!(
+                "no UTCI in {}: it is defined for air of -50 to 50 °C, a mean radiant temperature from 30 K below to 70 K \
+                 above that, wind to 17 m/s and a vapour pressure to 5 kPa",
+                counted(undefined, "result")
+            ));
+        }
     }
 
     /// Writes a line a moment and row.
@@ -398,18 +423,18 @@ impl Hours {
         let shape = vec![moments as u64, (felt.len() / moments) as u64];
         let columns = self.columns().into_iter().map(|(name, of)| {
             let name = name.split(' ').next().unwrap_or(name);
-            let values = (0..moments).flat_map(|at| felt.iter().skip(at).step_by(moments).map(of)).collect();
+            let values = (0..moments)
+                .flat_map(|at| felt.iter().skip(at).step_by(moments).map(of))
+                .collect();
             (name, Table::Real(shape.clone(), values))
         });
         columns.collect()
     }
 
-    /// The mean over the moments of a row's radiant temperature, or of its irradiance without one.
-    pub(super) fn means(&self, felt: &[Felt]) -> Vec<f64> {
-        let of = |felt: &Felt| if self.heats.is_empty() { felt.irradiance() } else { felt.radiant };
-        felt.chunks(self.suns.len())
-            .map(|row| row.iter().map(of).sum::<f64>() / row.len() as f64)
-            .collect()
+    /// The mean radiant temperature of each row on average over the moments; `None` without heat.
+    pub(super) fn radiant_means(&self, felt: &[Felt]) -> Option<Vec<f64>> {
+        let mean = |row: &[Felt]| row.iter().map(|felt| felt.radiant).sum::<f64>() / row.len() as f64;
+        (!self.heats.is_empty()).then(|| felt.chunks(self.suns.len()).map(mean).collect())
     }
 }
 
@@ -431,6 +456,8 @@ fn mean(weights: &[f64], radiances: &[f64], diffuse: f64) -> f64 {
     let sums = weights
         .iter()
         .zip(radiances)
-        .fold((0.0, 0.0), |(sum, whole), (weight, radiance)| (sum + weight * radiance, whole + weight));
+        .fold((0.0, 0.0), |(sum, whole), (weight, radiance)| {
+            (sum + weight * radiance, whole + weight)
+        });
     if sums.1 > 0.0 { sums.0 / sums.1 } else { diffuse / PI }
 }
