@@ -89,6 +89,15 @@ ensure_rust() {
     fi
 }
 
+# ensure_target TRIPLE — Rust's standard library for another system, by rustup where it is not there.
+ensure_target() {
+    [ -d "$(rustc --print sysroot)/lib/rustlib/$1/lib" ] && return
+    if ! { command -v rustup >/dev/null 2>&1 && rustup target add "$1" >&2; }; then
+        say "error: Rust's standard library for $1 is not there, and rustup cannot bring it"
+        return 1
+    fi
+}
+
 # ensure_drivers — Mesa's drivers for OpenGL and Vulkan on the processor, and Vulkan's validation layer, for tests of the
 # GPU backends without a GPU. Fails if they cannot be installed.
 ensure_drivers() {

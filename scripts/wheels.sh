@@ -6,7 +6,7 @@
 #
 # maturin and Zig come from PyPI into the folder of tools (scripts/ensure.sh), Rust's standard library for the other processor from rustup.
 # Zig links against glibc 2.17 on any machine (manylinux2014). A processor whose wheel cannot be built has a line
-# `SKIP PROCESSOR: the reason`, and the script ends with 3; HEMICUBE_REQUIRE_WHEELS=1 makes that a failure, 1.
+# `SKIP PROCESSOR: the reason`, and the script ends with 3.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 usage() { printf 'usage: scripts/wheels.sh [--quick] FOLDER [x86_64|aarch64 ...]\n' >&2; exit 2; }
@@ -46,8 +46,7 @@ tools=${tools%/bin/python}
 
 for processor in "$@"; do
     triple=$processor-unknown-linux-gnu
-    if ! [ -d "$(rustc --print sysroot)/lib/rustlib/$triple/lib" ] &&
-        ! { command -v rustup >/dev/null 2>&1 && rustup target add "$triple" >&2; }; then
+    if ! ensure_target "$triple"; then
         skip "$processor" "Rust's standard library for $triple is not there, and rustup cannot bring it"
         continue
     fi
@@ -75,4 +74,4 @@ sys.exit(None if head[:4] == b"\x7fELF" and found == machine else f"error: {name
 PY
     printf '%s\n' "$wheel"
 done
-[ -z "$skipped" ] || exit $([ -n "${HEMICUBE_REQUIRE_WHEELS:-}" ] && echo 1 || echo 3)
+[ -z "$skipped" ] || exit 3

@@ -136,13 +136,7 @@ pub(crate) fn of_groups(found: &Enclosure) -> Option<String> {
 
 /// A word of a command line.
 fn word(text: &str) -> String {
-    let text = &*shown(text);
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:+@,=".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text.to_owned()
-    } else {
-        format!("'{}'", text.replace('\'', "'\\''"))
-    }
+    crate::shell::quoted(shown(text).as_ref().as_ref())
 }
 
 /// The options that turn exactly these objects round.

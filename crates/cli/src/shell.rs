@@ -10,8 +10,39 @@ pub(crate) fn word(path: &Path) -> String {
     quoted(path.as_os_str())
 }
 
-/// Quotes a word for a POSIX shell, if needed.
+/// Quotes a word for the system's shells, if needed.
 pub(crate) fn quoted(word: &OsStr) -> String {
+    if cfg!(windows) {
+        for_windows(&word.to_string_lossy())
+    } else {
+        for_posix(word)
+    }
+}
+
+/// Quotes a word for `cmd` and PowerShell alike. What only one of them reads within double quotes stays as it is: `%x%`,
+/// and `$x` or a backquote.
+fn for_windows(word: &str) -> String {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || "%+-./:\\_=".contains(c);
+    if !word.is_empty() && word.chars().all(harmless) {
+        return word.to_owned();
+    }
+    let mut text = "\"".to_owned();
+    let mut backslashes = 0;
+    for c in word.chars() {
+        // Programs read backslashes before a quote as half as many.
+        if c == '"' {
+            text.push_str(&"\\".repeat(backslashes + 1));
+        }
+        backslashes = if c == '\\' { backslashes + 1 } else { 0 };
+        text.push(if c.is_control() { char::REPLACEMENT_CHARACTER } else { c });
+    }
+    text.push_str(&"\\".repeat(backslashes));
+    text.push('"');
+    text
+}
+
+/// Quotes a word for a POSIX shell, if needed.
+fn for_posix(word: &OsStr) -> String {
     let harmless = |c: char| c.is_ascii_alphanumeric() || "%+,-./:@_".contains(c);
     match word.to_str() {
         // An `=` at the beginning is zsh's.
@@ -52,12 +83,27 @@ mod tests {
     #[test]
     fn paths_become_words() {
         assert_eq!(word("a/b-1.x".as_ref()), "a/b-1.x");
-        assert_eq!(word("a b".as_ref()), "'a b'");
-        assert_eq!(word("it's".as_ref()), r"'it'\''s'");
+        assert_eq!(word("a b".as_ref()), if cfg!(windows) { "\"a b\"" } else { "'a b'" });
     }
 
     #[test]
-    fn words_are_quoted_where_a_shell_would_read_them() {
+    fn words_are_quoted_where_a_shell_of_windows_would_read_them() {
+        for (word, text) in [
+            (r"C:\x\room.obj", r"C:\x\room.obj"),
+            ("1%", "1%"),
+            ("", "\"\""),
+            ("my room.obj", "\"my room.obj\""),
+            ("it's", "\"it's\""),
+            ("a,b", "\"a,b\""),
+            ("C:\\my rooms\\", "\"C:\\my rooms\\\\\""),
+            ("a \\\"b", "\"a \\\\\\\"b\""),
+        ] {
+            assert_eq!(for_windows(word), text);
+        }
+    }
+
+    #[test]
+    fn words_are_quoted_where_a_posix_shell_would_read_them() {
         for (word, text) in [
             ("room.obj", "room.obj"),
             ("--tolerance", "--tolerance"),
@@ -72,7 +118,7 @@ mod tests {
             ("höhe.obj", "'höhe.obj'"),
             ("a\nb'\\", r"$'a\012b\'\\'"),
         ] {
-            assert_eq!(quoted(OsStr::new(word)), text);
+            assert_eq!(for_posix(OsStr::new(word)), text);
         }
     }
 }

@@ -185,15 +185,8 @@ impl<'a> Cancellable<'a> {
                 }));
             }
             Ok(_) if !options.overwrite => return Err(Error::Store(store::Error::Exists { path: path.to_owned() })),
-            Ok(_) => {}
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(source) => {
-                return Err(Error::Store(store::Error::Io {
-                    path: path.to_owned(),
-                    action: "created",
-                    source,
-                }));
-            }
+            // What else is wrong with it, creating the file says.
+            _ => {}
         }
         let file = DurableFile::create(path)?;
         let cancel = options.cancel;

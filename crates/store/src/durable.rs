@@ -92,14 +92,11 @@ impl TemporaryFile {
         }
         let mut builder = tempfile::Builder::new();
         builder.prefix(prefix).rand_bytes(RANDOM).suffix(TEMPORARY_SUFFIX);
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // Permissions of a new file: the process's mask reduces them.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
+        // With the permissions of any new file, and on Windows without the mark of temporary files: the system delays
+        // writing those, and the mark would stay.
+        let open = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
         loop {
-            let created = builder.tempfile_in(directory_of(path)).map_err(failed)?;
+            let created = builder.make_in(directory_of(path), open).map_err(failed)?;
             let (file, temporary) = created.into_parts();
             match file.try_lock() {
                 // Another writer's clean-up came between creating and locking.
@@ -127,7 +124,7 @@ impl TemporaryFile {
     /// When the name cannot be given; the file is removed then.
     pub fn rename(self) -> io::Result<()> {
         // Open until it has its name, for the lock's sake.
-        std::fs::rename(&self.temporary, &self.path)?;
+        replace(&self.temporary, &self.path)?;
         // It has no temporary name left to be removed.
         let _ = self.temporary.keep();
         drop(self.file);
@@ -148,6 +145,30 @@ impl Write for TemporaryFile {
 impl Seek for TemporaryFile {
     fn seek(&mut self, target: SeekFrom) -> io::Result<u64> {
         self.file.seek(target)
+    }
+}
+
+#[cfg(not(windows))]
+fn replace(from: &Path, to: &Path) -> io::Result<()> {
+    std::fs::rename(from, to)
+}
+
+/// Renames, and tries again for a second: virus scanners and indexers open what was just written, and for a moment the
+/// file can be neither renamed nor replaced. A longer wait would delay the error of a file that another program keeps
+/// open.
+#[cfg(windows)]
+fn replace(from: &Path, to: &Path) -> io::Result<()> {
+    /// ERROR_ACCESS_DENIED and ERROR_SHARING_VIOLATION.
+    const HELD: [i32; 2] = [5, 32];
+    let mut wait = std::time::Duration::from_millis(1);
+    loop {
+        match std::fs::rename(from, to) {
+            Err(error) if wait.as_millis() < 1000 && error.raw_os_error().is_some_and(|code| HELD.contains(&code)) => {
+                std::thread::sleep(wait);
+                wait *= 2;
+            }
+            renamed => return renamed,
+        }
     }
 }
 
@@ -177,11 +198,27 @@ fn prefix(path: &Path, label: &str) -> Result<String> {
         reason: "names no file; add a file name",
     })?;
     let name = name.to_string_lossy();
+    if cfg!(windows) && is_device(&name) {
+        return Err(Error::InTheWay {
+            path: path.to_owned(),
+            reason: "is the name of a device on Windows; give another name",
+        });
+    }
     let mut end = name.len().min(REPEATED_MAX);
     while !name.is_char_boundary(end) {
         end -= 1;
     }
     Ok(format!(".{}{label}.", &name[..end]))
+}
+
+/// Returns whether Windows takes a file name for a device, whatever its folder and its end (`NUL`, `con.txt`).
+fn is_device(name: &str) -> bool {
+    let stem = name.split(['.', ':']).next().unwrap_or_default().trim_end();
+    let stem = stem.to_ascii_uppercase();
+    let numbered = stem.strip_prefix("COM").or_else(|| stem.strip_prefix("LPT"));
+    matches!(&*stem, "CON" | "PRN" | "AUX" | "NUL" | "CONIN$" | "CONOUT$")
+        || numbered
+            .is_some_and(|number| matches!(number, "¹" | "²" | "³") || matches!(number.as_bytes(), [b'0'..=b'9']))
 }
 
 /// Removes remains of killed writers of this file: regular files under its temporary names that nobody has locked. Best
@@ -398,7 +435,7 @@ pub(crate) fn sync_directory(directory: &Path) -> io::Result<()> {
     File::open(directory)?.sync_all()
 }
 
-/// Directories cannot be opened as files here; the file system orders renames itself.
+/// The standard library opens no directories here. NTFS keeps a journal of renames; when they last is up to it.
 #[cfg(not(unix))]
 #[allow(clippy::unnecessary_wraps, reason = "the same shape as on Unix")]
 pub(crate) fn sync_directory(_: &Path) -> io::Result<()> {
@@ -451,4 +488,34 @@ pub fn file_checksum(path: &Path) -> Result<String> {
     io::copy(&mut io::BufReader::with_capacity(1 << 18, file), &mut hasher)
         .map_err(|error| Error::io(path, "read", error))?;
     Ok(hasher.finalize().to_hex().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_devices_are_known_by_their_stems() {
+        for name in [
+            "NUL", "con.txt", "aux .npz", "Com1", "lpt9.a.b", "COM³", "nul:x", "conin$",
+        ] {
+            assert!(is_device(name), "{name}");
+        }
+        for name in ["null", "COM", "com10", "console.npz", "lpt", "F.nul", ""] {
+            assert!(!is_device(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_replaces_another_is_as_any_new_file() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("file");
+        write_whole(&path, b"before", "").unwrap();
+        std::fs::write(place.path().join("plain"), "x").unwrap();
+        let permissions = |name: &str| std::fs::metadata(place.path().join(name)).unwrap().permissions();
+        assert_eq!(permissions("file"), permissions("plain"));
+        write_whole(&path, b"after", "").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"after");
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 2);
+    }
 }

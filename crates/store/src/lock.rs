@@ -192,10 +192,11 @@ fn is_still_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// An open file cannot lose its name here.
-#[cfg(not(unix))]
-fn is_still_at(_: &File, path: &Path) -> bool {
-    path.exists()
+/// Files are compared by what Windows knows them by; a removed one is no longer found by its name.
+#[cfg(windows)]
+fn is_still_at(file: &File, path: &Path) -> bool {
+    let ours = file.try_clone().and_then(same_file::Handle::from_file);
+    matches!((ours, same_file::Handle::from_path(path)), (Ok(ours), Ok(there)) if ours == there)
 }
 
 #[cfg(test)]

@@ -323,7 +323,9 @@ impl StoreWriter {
         let file = known.into_file();
         let wanted = 149 * u64::from(self.manifest.patch_count) + 4096;
         let (columns, run) = (&self.columns, self.run);
-        let checksum = write_archive(&path, wanted, &self.label(), |npz| {
+        // The table is read up to its last byte and closed before the new one takes its name: some systems replace no
+        // open file.
+        let checksum = write_archive(&path, wanted, &self.label(), move |npz| {
             let mut buffer = vec![0; COPY];
             for (name, header, elements, size) in &sources {
                 npz.begin(name, header.element, &header.shape)?;

@@ -627,7 +627,11 @@ fn export_zones(arguments: &Arguments, by: ZoneName, json: Option<JsonReport>, t
 
 /// The words to type in the file's program. F[i, j] is from i to j.
 fn how_to_read(found: &ExportReport) -> Option<String> {
-    let path = found.path.display().to_string();
+    let mut path = found.path.display().to_string();
+    if cfg!(windows) {
+        // Each of them takes either separator there.
+        path = path.replace('\\', "/");
+    }
     // Names in need of quoting in three languages are left to their owner.
     if path.contains(['"', '\'', '\\']) {
         return None;

@@ -119,9 +119,11 @@ pub(super) fn in_folder(folder: &Path, name: &Path) -> PathBuf {
 
 /// Expands `~` in a path that no shell has seen.
 pub(super) fn at_home(typed: &str) -> PathBuf {
-    let home = std::env::var_os("HOME").filter(|home| !home.is_empty());
-    match (typed.strip_prefix("~/"), home) {
-        (Some(rest), Some(home)) => Path::new(&home).join(rest),
+    let beneath = typed
+        .strip_prefix('~')
+        .and_then(|rest| rest.strip_prefix(std::path::is_separator));
+    match (beneath, std::env::home_dir()) {
+        (Some(rest), Some(home)) => home.join(rest),
         _ => PathBuf::from(typed),
     }
 }
@@ -133,7 +135,8 @@ const SUGGESTED_MAX: usize = 100;
 /// Completions of a path: files, and folders ending in `/`.
 #[cfg(any(feature = "menus", test))]
 pub(super) fn completions(typed: &str) -> Vec<String> {
-    let (folder, begin) = typed.rfind('/').map_or(("", typed), |at| typed.split_at(at + 1));
+    let end = typed.rfind(std::path::is_separator);
+    let (folder, begin) = end.map_or(("", typed), |at| typed.split_at(at + 1));
     let directory = if folder.is_empty() {
         PathBuf::from(".")
     } else {
