@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// `./dist`, from what is built already, into a folder of its own.
-fn laid_out(place: &Path) -> (PathBuf, PathBuf) {
+/// `./dist`, from what is built already, into a folder of its own: the tree, and the files made of it.
+fn laid_out(place: &Path) -> (PathBuf, Vec<PathBuf>) {
     let output = Command::new("bash")
         .arg(workspace().join("dist"))
         .args(["--as-built", "-o"])
@@ -18,8 +18,14 @@ fn laid_out(place: &Path) -> (PathBuf, PathBuf) {
     let said = said(&output);
     assert!(output.status.success(), "{said}");
     let mut lines = said.lines().map(PathBuf::from);
-    let mut next = || lines.next().expect("the tree and the archive");
-    (next(), next())
+    let tree = lines.next().expect("the tree");
+    let made: Vec<PathBuf> = lines.collect();
+    let checked = Command::new("sha256sum")
+        .args(["--check", "--quiet", "SHA256SUMS"])
+        .current_dir(place)
+        .status();
+    assert!(!made.is_empty() && checked.expect("sha256sum runs").success());
+    (tree, made)
 }
 
 fn said(output: &Output) -> String {
@@ -62,7 +68,7 @@ fn files(of: &Path) -> Vec<String> {
 #[test]
 fn the_tree_works_from_wherever_it_is_put() {
     let place = TempDir::new().expect("a folder");
-    let (tree, archive) = laid_out(&place.path().join("made"));
+    let (tree, made) = laid_out(&place.path().join("made"));
     let version = env!("CARGO_PKG_VERSION");
     assert!(tree.ends_with(format!("hemicube-{version}")), "{}", tree.display());
     let there = files(&tree);
@@ -88,7 +94,7 @@ fn the_tree_works_from_wherever_it_is_put() {
     std::fs::create_dir_all(&elsewhere).expect("a folder");
     let unpacked = Command::new("tar")
         .arg("-xf")
-        .arg(&archive)
+        .arg(&made[0])
         .arg("-C")
         .arg(&elsewhere)
         .status();
@@ -116,6 +122,35 @@ fn the_tree_works_from_wherever_it_is_put() {
         &["compute", scene, "--split", "2", "-o", "box", "--backend", "cpu"],
     );
     run(&moved, &home, &["check", "box"]);
+
+    let Some(package) = made.get(1) else {
+        say("SKIP distribution::the_tree_works_from_wherever_it_is_put: no dpkg-deb here to make a package");
+        return;
+    };
+    let tell = |what: &str| {
+        let output = Command::new("dpkg-deb").args([what, "--"]).arg(package).output();
+        said(&output.expect("dpkg-deb runs"))
+    };
+    let control = tell("--field");
+    for line in [
+        "Package: hemicube",
+        &format!("Version: {version}"),
+        "Depends: libc6 (>= 2.",
+    ] {
+        assert!(control.contains(line), "no `{line}` in {control}");
+    }
+    let root = place.path().join("root");
+    let unpacked = Command::new("dpkg-deb")
+        .arg("--extract")
+        .arg(package)
+        .arg(&root)
+        .status();
+    assert!(unpacked.expect("dpkg-deb runs").success());
+    let usr = root.join("usr");
+    assert!(files(&usr).iter().any(|file| file == "share/doc/hemicube/copyright"));
+    let listed = run(&usr, &home, &["backends", "list"]);
+    assert!(listed.contains("root/usr/lib/hemicube/backends"), "{listed}");
+    run(&usr, &home, &["check", "box"]);
 }
 
 #[test]
@@ -123,7 +158,10 @@ fn the_tree_works_from_wherever_it_is_put() {
 fn the_same_files_make_the_same_archive() {
     let place = TempDir::new().expect("a folder");
     let [first, second] = ["a", "b"].map(|name| laid_out(&place.path().join(name)).1);
-    assert!(first != second && std::fs::read(first).expect("there") == std::fs::read(second).expect("there"));
+    assert_eq!(first.len(), second.len());
+    for (first, second) in first.iter().zip(&second) {
+        assert!(first != second && std::fs::read(first).expect("there") == std::fs::read(second).expect("there"));
+    }
     // A folder that is there and is no tree of ours is left alone.
     let other = place
         .path()
