@@ -1,7 +1,8 @@
 //! A folder as one scene: the scene files in it, in the order of their names. CAD programs write one STL a part, cities
 //! come in tiles.
 //!
-//! Subfolders, hidden files and files of other extensions (`.mtl`, `.bin`, pictures) are passed over.
+//! Subfolders, hidden files and files of other extensions (`.mtl`, `.bin`, pictures) are passed over. So are height
+//! models: a `.tif` beside other files may be a texture or a map of them.
 
 use crate::{Error, ErrorKind, Format, Material, ReadOptions, Scene};
 use std::collections::HashMap;
@@ -38,7 +39,8 @@ pub fn files(path: &Path) -> Result<Vec<PathBuf>, Error> {
         let is_hidden = file
             .file_name()
             .is_none_or(|name| name.as_encoded_bytes().starts_with(b"."));
-        if !is_hidden && Format::from_path(&file).is_some() && file.is_file() {
+        let is_scene = Format::from_path(&file).is_some_and(|format| format != Format::Raster);
+        if !is_hidden && is_scene && file.is_file() {
             files.push(file);
         }
     }

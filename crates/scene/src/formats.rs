@@ -24,6 +24,8 @@ pub mod gmsh;
 pub mod obj;
 #[cfg(feature = "ply")]
 pub mod ply;
+#[cfg(feature = "raster")]
+pub mod raster;
 #[cfg(feature = "stl")]
 pub mod stl;
 #[cfg(feature = "vs3")]
@@ -129,6 +131,8 @@ formats! {
     EnergyPlus, "EnergyPlus", ["idf", "epjson"], "energyplus", energyplus, 8;
     /// Green Building XML, `.gbxml` or `.xml`.
     GbXml, "gbXML", ["gbxml", "xml"], "gbxml", gbxml, 6;
+    /// A height model, GeoTIFF `.tif` or ESRI ASCII grid `.asc`. What its cells and faces take is asked for by them.
+    Raster, "Height models, GeoTIFF and ASCII grid", ["tif", "tiff", "asc"], "raster", raster, 2;
 }
 
 impl Format {

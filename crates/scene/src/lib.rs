@@ -1,6 +1,6 @@
 //! Scenes for form-factor computation: triangles in f64 with the names of their objects and materials and their sides,
-//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON, EnergyPlus, gbXML and meshes, repaired by documented rules,
-//! and cut into patches.
+//! read from OBJ, glTF, AC3D, STL, PLY, View3D, CityJSON, EnergyPlus, gbXML, meshes and height models, repaired by
+//! documented rules, and cut into patches.
 //!
 //! ```
 //! use hemicube_scene::{Patches, Subdivision, generate};

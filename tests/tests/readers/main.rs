@@ -3,6 +3,7 @@
 mod inspect;
 mod losses;
 mod mutants;
+mod rasters;
 mod real_scenes;
 mod same_room;
 mod up;

@@ -7,7 +7,7 @@
 use hemicube_scene::repair::{RepairOptions, repair};
 use hemicube_scene::{
     Error, Patches, ReadOptions, Scene, Subdivision, abaqus, ac3d, cityjson, energyplus, gbxml, gltf, gmsh, obj, ply,
-    stl, vs3, vtk,
+    raster, stl, vs3, vtk,
 };
 use hemicube_tests::random::Random;
 use hemicube_tests::scenes::workspace;
@@ -38,6 +38,7 @@ fn reader(path: &Path) -> Option<Read> {
         "inp" => abaqus::read,
         "idf" | "epJSON" => energyplus::read,
         "gbxml" | "xml" => gbxml::read,
+        "tif" | "asc" => raster::read,
         _ => return None,
     })
 }

@@ -9,10 +9,11 @@
     feature = "vtk",
     feature = "abaqus",
     feature = "energyplus",
-    feature = "gbxml"
+    feature = "gbxml",
+    feature = "raster"
 ))]
 
-use hemicube_scene::{Error, ReadOptions, Scene, abaqus, ac3d, energyplus, gbxml, gltf, gmsh, obj, vtk};
+use hemicube_scene::{Error, ReadOptions, Scene, abaqus, ac3d, energyplus, gbxml, gltf, gmsh, obj, raster, vtk};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -126,6 +127,11 @@ fn energyplus_corpus() {
 #[test]
 fn gbxml_corpus() {
     replay_corpus("gbxml", gbxml::read, [13, 15, 30]);
+}
+
+#[test]
+fn raster_corpus() {
+    replay_corpus("raster", raster::read, [9, 10, 20]);
 }
 
 #[test]

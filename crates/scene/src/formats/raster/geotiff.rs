@@ -1,0 +1,159 @@
+//! GeoTIFF: the first image of a TIFF, one band of heights, or two with the ground's.
+
+use super::{Raster, cells_of};
+use crate::{Error, ReadOptions};
+use std::io::Cursor;
+use tiff::decoder::{Decoder, DecodingResult};
+use tiff::tags::Tag;
+use tiff::{ColorType, TiffError};
+
+/// Keys of a GeoTIFF, and what they say.
+const MODEL_TYPE: u16 = 1024;
+const GEOGRAPHIC: u16 = 2;
+const RASTER_TYPE: u16 = 1025;
+const IS_POINT: u16 = 2;
+const PROJECTED_CRS: u16 = 3072;
+const USER_DEFINED: u16 = 32767;
+
+type Image<'a> = Decoder<Cursor<&'a [u8]>>;
+
+/// What the crate says of a file, as the end of a sentence.
+fn wrong(error: TiffError) -> Error {
+    match error {
+        TiffError::UnsupportedError(what) => Error::unsupported(format!(
+            "is a TIFF of a kind that is not read: {what}; `gdal_translate -co COMPRESS=LZW` makes one that is"
+        )),
+        error => Error::malformed(format!("is no TIFF as it should be: {error}")),
+    }
+}
+
+/// Reads a GeoTIFF.
+pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> {
+    let mut image = Decoder::new(Cursor::new(bytes)).map_err(wrong)?;
+    let (columns, rows) = image.dimensions().map_err(wrong)?;
+    let bands = match image.colortype().map_err(wrong)? {
+        ColorType::Gray(_) | ColorType::Multiband { num_samples: 1, .. } => 1,
+        ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => 2,
+        _ => {
+            return Err(Error::unsupported(
+                "is a picture or has more bands; a height model has one band, or the ground's height as a second one",
+            ));
+        }
+    };
+    let planes: Option<u16> = image.find_tag_unsigned(Tag::PlanarConfiguration).map_err(wrong)?;
+    if bands > 1 && planes == Some(2) {
+        return Err(Error::unsupported(
+            "has its bands one after the other; `gdal_translate -co INTERLEAVE=PIXEL` puts them side by side",
+        ));
+    }
+    let [columns, rows] = cells_of(columns.into(), rows.into(), options)?;
+    let cells = columns * rows;
+    let mut place = Place::of(&mut image)?;
+    let none = match image.find_tag(Tag::GdalNodata).map_err(wrong)? {
+        Some(text) => text.into_string().map_err(wrong)?.trim().parse::<f64>().ok(),
+        None => None,
+    };
+    // A value is kept as text, and a height of 32 bits is the nearest of that.
+    #[allow(clippy::cast_possible_truncation, reason = "as the file's own numbers")]
+    let is_none = |height: f64| none.is_some_and(|none| height == none || height == f64::from(none as f32));
+    let all = reals(image.read_image().map_err(wrong)?)?;
+    if all.len() != cells * bands {
+        return Err(Error::malformed(format!("has {} values for {cells} cells", all.len())));
+    }
+    let mut found: Vec<Vec<f64>> = (0..bands)
+        .map(|band| {
+            let values = all.iter().skip(band).step_by(bands);
+            values
+                .map(|&height| if is_none(height) { f64::NAN } else { height })
+                .collect()
+        })
+        .collect();
+    let ground = found.split_off(1).pop();
+    Ok(Raster {
+        columns,
+        rows,
+        west: place.west,
+        north: place.north,
+        cell: place.cell,
+        heights: found.swap_remove(0),
+        ground,
+        crs: place.crs.take(),
+    })
+}
+
+/// Values as real numbers.
+fn reals(values: DecodingResult) -> Result<Vec<f64>, Error> {
+    Ok(match values {
+        DecodingResult::U8(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::U16(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::U32(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::I8(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::I16(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::I32(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::F32(values) => values.into_iter().map(f64::from).collect(),
+        DecodingResult::F64(values) => values,
+        _ => {
+            return Err(Error::unsupported(
+                "has values of 16-bit reals or 64-bit integers; `gdal_translate -ot Float32` changes them",
+            ));
+        }
+    })
+}
+
+/// Where the cells lie.
+struct Place {
+    west: f64,
+    north: f64,
+    cell: [f64; 2],
+    crs: Option<String>,
+}
+
+impl Place {
+    fn of(image: &mut Image<'_>) -> Result<Self, Error> {
+        let mut reals = |tag: Tag| -> Result<Option<Vec<f64>>, Error> {
+            let value = image.find_tag(tag).map_err(wrong)?;
+            value.map(|value| value.into_f64_vec().map_err(wrong)).transpose()
+        };
+        let scale = reals(Tag::ModelPixelScaleTag)?;
+        let tie = reals(Tag::ModelTiepointTag)?;
+        let matrix = reals(Tag::ModelTransformationTag)?;
+        let (west, north, cell) = match (scale.as_deref(), tie.as_deref(), matrix.as_deref()) {
+            (Some(&[dx, dy, ..]), Some(&[i, j, _, x, y, _]), _) => (x - i * dx, y + j * dy, [dx, dy]),
+            (_, _, Some(&[dx, turn, _, x, skew, dy, _, y, ..])) if turn == 0.0 && skew == 0.0 => (x, y, [dx, -dy]),
+            _ => {
+                return Err(Error::unsupported(
+                    "does not say where its cells lie, or they are turned; a height model is a GeoTIFF with north up \
+                     (gdalwarp makes one)",
+                ));
+            }
+        };
+        let keys: Vec<u16> = image
+            .find_tag_unsigned_vec(Tag::GeoKeyDirectoryTag)
+            .map_err(wrong)?
+            .unwrap_or_default();
+        // A key, the tag of its value (0: here), a count, the value. The first four are the version.
+        let value = |key: u16| {
+            let found = keys
+                .chunks_exact(4)
+                .skip(1)
+                .find(|entry| entry[0] == key && entry[1] == 0);
+            found.map(|entry| entry[3])
+        };
+        if value(MODEL_TYPE) == Some(GEOGRAPHIC) {
+            return Err(Error::unsupported(
+                "has coordinates in degrees, and a scene has lengths; `gdalwarp -t_srs EPSG:N` puts it into a projected \
+                 system",
+            ));
+        }
+        // Then the tie is the middle of a cell.
+        let middle = if value(RASTER_TYPE) == Some(IS_POINT) { 0.5 } else { 0.0 };
+        Ok(Self {
+            west: west - middle * cell[0],
+            north: north + middle * cell[1],
+            cell,
+            crs: value(PROJECTED_CRS)
+                .filter(|&code| code != USER_DEFINED)
+                .map(|code| format!("EPSG:{code}")),
+        })
+    }
+}

@@ -1,0 +1,257 @@
+use super::*;
+use std::collections::HashMap;
+
+fn read_text(text: &str) -> Result<Scene, Error> {
+    read(text.as_bytes(), None, ReadOptions::default())
+}
+
+fn grid(columns: usize, rows: usize, heights: &[f64]) -> String {
+    let mut text = format!("ncols {columns}\nnrows {rows}\nxllcorner 85000.5\nyllcorner 447000.25\ncellsize 0.7\n");
+    for row in heights.chunks(columns) {
+        let row: Vec<String> = row.iter().map(f64::to_string).collect();
+        text.push_str(&row.join(" "));
+        text.push('\n');
+    }
+    text
+}
+
+/// Every edge with the times that triangles run along it, one way less the other.
+fn edges(scene: &Scene) -> HashMap<[[u64; 3]; 2], i32> {
+    let mut edges = HashMap::new();
+    for triangle in &scene.triangles {
+        for at in 0..3 {
+            let ends = [triangle.corners[at], triangle.corners[(at + 1) % 3]];
+            let [from, to] = ends.map(|end| end.to_array().map(f64::to_bits));
+            if from < to {
+                *edges.entry([from, to]).or_insert(0) += 1;
+            } else {
+                *edges.entry([to, from]).or_insert(0) -= 1;
+            }
+        }
+    }
+    edges
+}
+
+fn area(scene: &Scene, object: u32) -> f64 {
+    let of = scene.triangles.iter().filter(|triangle| triangle.object == object);
+    of.map(|triangle| {
+        let [a, b, c] = triangle.corners;
+        0.5 * (b - a).cross(c - a).length()
+    })
+    .sum()
+}
+
+/// Heights by a generator of Lehmer's: of a few values, so that some are equal.
+fn some_heights(seed: u64, count: usize, values: u64) -> Vec<f64> {
+    let mut state = seed;
+    let mut next = || {
+        state = state * 48271 % 0x7fff_ffff;
+        state
+    };
+    (0..count).map(|_| (next() % values) as f64 * 1.3).collect()
+}
+
+#[test]
+fn every_edge_but_those_of_the_border_is_that_of_two_faces() {
+    for (seed, values) in [(1, 2), (2, 3), (3, 5), (4, 50), (5, 1)] {
+        for (columns, rows) in [(1, 1), (7, 5), (12, 13), (1, 9)] {
+            let heights = some_heights(seed, columns * rows, values);
+            let scene = read_text(&grid(columns, rows, &heights)).expect("a scene");
+            let [west, south] = [85000.5, 447000.25];
+            let [east, north] = [0.7 * columns as f64, 0.7 * rows as f64];
+            let north_edge = south + 0.7 * rows as f64;
+            for ([from, to], times) in edges(&scene) {
+                let [from, to] = [from, to].map(|end| end.map(f64::from_bits));
+                let lies_on = |axis: usize, at: f64| (from[axis] - at).abs() < 1e-6 && (to[axis] - at).abs() < 1e-6;
+                let is_border =
+                    lies_on(0, west) || lies_on(0, west + east) || lies_on(1, south) || lies_on(1, north_edge);
+                assert!(
+                    times == 0 || is_border,
+                    "{seed} {columns} × {rows}: {from:?} {to:?} {times}"
+                );
+            }
+            // Each cell once from above, and a wall of every difference of neighbours.
+            assert!((area(&scene, 0) - east * north).abs() < 1e-9);
+            let mut walls = 0.0;
+            for row in 0..rows {
+                for column in 0..columns {
+                    let at = |column: usize, row: usize| heights[row * columns + column];
+                    if column + 1 < columns {
+                        walls += (at(column, row) - at(column + 1, row)).abs();
+                    }
+                    if row + 1 < rows {
+                        walls += (at(column, row) - at(column, row + 1)).abs();
+                    }
+                }
+            }
+            assert!(
+                (area(&scene, 1) - 0.7 * walls).abs() < 1e-6 * (1.0 + walls),
+                "{seed} {columns} × {rows}"
+            );
+            assert!(scene.triangles.is_sorted_by_key(|triangle| triangle.face));
+            for triangle in &scene.triangles {
+                let [a, b, c] = triangle.corners;
+                let across = (b - a).cross(c - a);
+                assert!(if triangle.object == 0 {
+                    across.z > 0.0
+                } else {
+                    across.z.abs() < 1e-9
+                });
+                assert!(across.length() > 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn walls_face_the_lower_side() {
+    let scene = read_text(&grid(3, 3, &[0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0])).expect("a scene");
+    let middle = DVec3::new(85000.5 + 1.05, 447000.25 + 1.05, 0.0);
+    for triangle in scene.triangles.iter().filter(|triangle| triangle.object == 1) {
+        let [a, b, c] = triangle.corners;
+        assert!(
+            (b - a).cross(c - a).dot((a + b + c) / 3.0 - middle) > 0.0,
+            "{triangle:?}"
+        );
+    }
+}
+
+#[test]
+fn level_ground_is_a_few_rectangles_and_nothing_stands_where_there_is_no_value() {
+    let flat = read_text(&grid(100, 80, &[2.0; 8000])).expect("a scene");
+    assert_eq!(flat.triangles.len(), 2);
+    let mut heights = [1.0; 25];
+    heights[12] = -9999.0;
+    let holed = read_text(&grid(5, 5, &heights)).expect("a scene");
+    assert!((area(&holed, 0) - 24.0 * 0.49).abs() < 1e-9);
+    assert_eq!(area(&holed, 1), 0.0);
+}
+
+#[test]
+fn a_header_says_corners_or_middles_and_its_own_value_for_none() {
+    let text = "NCOLS 2\r\nNROWS 1\r\nXLLCENTER 10\r\nYLLCENTER 20\r\nDX 2\r\nDY 4\r\nNODATA_VALUE 7\r\n7\r\n3\r\n";
+    let scene = read_text(text).expect("a scene");
+    let corners: Vec<DVec3> = scene.triangles.iter().flat_map(|triangle| triangle.corners).collect();
+    let low = corners.iter().fold(DVec3::INFINITY, |low, &corner| low.min(corner));
+    let high = corners
+        .iter()
+        .fold(DVec3::NEG_INFINITY, |high, &corner| high.max(corner));
+    assert_eq!((low, high), (DVec3::new(11.0, 18.0, 3.0), DVec3::new(13.0, 22.0, 3.0)));
+}
+
+#[test]
+fn what_is_no_height_model_is_said_with_its_line() {
+    let header = "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\n";
+    for (text, line, reason) in [
+        (format!("{header}1 2\n3\n"), None, "cut short"),
+        (format!("{header}1 2\n3 4 5\n"), Some(7), "more than 2 × 2"),
+        (format!("{header}1 2\n3 x4\n"), Some(7), "`x4` is no number"),
+        (format!("{header}1,5 2 3 4\n"), Some(6), "`1,5` is no number"),
+        (format!("{header}1 2 3 inf\n"), None, "infinite"),
+        ("ncols 2 3\n".to_owned(), Some(1), "one number"),
+        ("nrows 2\n1 2\n".to_owned(), None, "no `ncols`"),
+        ("solid scan\n".to_owned(), None, "no `ncols`"),
+        (
+            header.replace("ncols 2", "ncols 2.5") + "1 2 3 4\n",
+            None,
+            "whole number",
+        ),
+        (header.replace("size 1", "size 0") + "1 2 3 4\n", None, "finite size"),
+        (header.replace("ncols 2", "ncols 900000000"), None, "cut short"),
+    ] {
+        let error = read_text(&text).expect_err(&text);
+        assert_eq!(error.line, line, "{text}: {error}");
+        assert!(error.to_string().contains(reason), "{text}: {error}");
+    }
+    let error = read(b"\xff\x00\x01", None, ReadOptions::default()).expect_err("binary");
+    assert!(error.to_string().contains("GeoTIFF or an ASCII grid"), "{error}");
+    assert!(read(b"II*\0", None, ReadOptions::default()).is_err());
+}
+
+/// A TIFF with the tags of a GeoTIFF.
+fn tiff_of(size: [u32; 2], bands: usize, values: &[f32], keys: &[u16], tie: [f64; 6]) -> Vec<u8> {
+    use ::tiff::encoder::{TiffEncoder, colortype::Gray32Float};
+    use ::tiff::tags::{ExtraSamples, Tag};
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut file).expect("a file");
+    let mut image = encoder.new_image::<Gray32Float>(size[0], size[1]).expect("an image");
+    if bands > 1 {
+        let more = vec![ExtraSamples::Unspecified; bands - 1];
+        image.extra_samples(&more).expect("bands");
+    }
+    let tags = image.encoder();
+    tags.write_tag(Tag::ModelPixelScaleTag, &[2.0, 2.0, 0.0][..])
+        .expect("a tag");
+    tags.write_tag(Tag::ModelTiepointTag, &tie[..]).expect("a tag");
+    tags.write_tag(Tag::GeoKeyDirectoryTag, keys).expect("a tag");
+    tags.write_tag(Tag::GdalNodata, "-3.4028234663852886e+38")
+        .expect("a tag");
+    image.write_data(values).expect("values");
+    file.into_inner()
+}
+
+#[test]
+fn a_geotiff_has_its_place_its_system_and_the_ground_as_a_second_band() {
+    let keys = [1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 28992];
+    let tie = [0.0, 0.0, 0.0, 85000.0, 447000.0, 0.0];
+    // Ground at 1, a shed of 1.5 m, a house of 6 m, and a cell without a value.
+    let values = [1.0, 1.0, 2.5, 1.0, 7.0, 1.0, f32::MIN, 1.0];
+    let scene = read(&tiff_of([2, 2], 2, &values, &keys, tie), None, ReadOptions::default()).expect("a scene");
+    assert_eq!(scene.objects, ["ground", "roof", "wall"]);
+    assert_eq!(scene.crs.as_deref(), Some("EPSG:28992"));
+    assert_eq!(
+        [area(&scene, 0), area(&scene, 1), area(&scene, 2)],
+        [8.0, 4.0, 2.0 * (1.5 + 6.0)]
+    );
+    let roof = scene
+        .triangles
+        .iter()
+        .find(|triangle| triangle.object == 1)
+        .expect("a roof");
+    let middle = roof
+        .corners
+        .iter()
+        .fold(DVec3::INFINITY, |low, &corner| low.min(corner));
+    assert_eq!(middle, DVec3::new(85000.0, 446996.0, 7.0));
+    // The tie is the middle of a cell.
+    let mut as_points = keys;
+    as_points[11] = 2;
+    let shifted = read(
+        &tiff_of([2, 2], 2, &values, &as_points, tie),
+        None,
+        ReadOptions::default(),
+    )
+    .expect("a scene");
+    assert_eq!(
+        shifted.triangles[0].corners[0] - scene.triangles[0].corners[0],
+        DVec3::new(-1.0, 1.0, 0.0)
+    );
+}
+
+#[test]
+fn a_tiff_without_a_place_in_degrees_or_of_colours_is_refused() {
+    let keys = [1, 1, 0, 1, 1024, 0, 1, 2];
+    let refused = |bytes: &[u8], reason: &str| {
+        let error = read(bytes, None, ReadOptions::default()).expect_err(reason).to_string();
+        assert!(error.contains(reason), "{error}");
+    };
+    refused(&tiff_of([1, 1], 1, &[1.0], &keys, [0.0; 6]), "degrees");
+    refused(&tiff_of([1, 1], 3, &[1.0; 3], &keys, [0.0; 6]), "one band");
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = ::tiff::encoder::TiffEncoder::new(&mut file).expect("a file");
+    encoder
+        .write_image::<::tiff::encoder::colortype::Gray8>(1, 1, &[1])
+        .expect("an image");
+    refused(&file.into_inner(), "where its cells lie");
+}
+
+#[test]
+fn more_than_four_million_cells_are_refused_before_they_are_taken() {
+    let error = super::cells_of(2001, 2000, ReadOptions::default()).expect_err("too many");
+    assert!(matches!(error.kind, ErrorKind::TooLarge(_)), "{error}");
+    let few = ReadOptions {
+        budget: crate::Budget::new(Some(1)),
+        ..ReadOptions::default()
+    };
+    assert!(super::cells_of(10, 10, few).is_err());
+}
