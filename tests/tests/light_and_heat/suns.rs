@@ -176,7 +176,7 @@ fn suns_and_sky_light_and_heat_patches_with_reflections() {
     let column = |name: &str| {
         let is = |head: &&str| head.starts_with(name);
         head.iter()
-            .position(|head| is(&head))
+            .position(|head| is(head))
             .unwrap_or_else(|| panic!("no {name}: {text}"))
     };
     let found = cells(&text);
@@ -374,10 +374,18 @@ fn points_get_sun_and_sky_and_feel_them() {
     );
     let table = |line: &str| {
         place
-            .line(&format!("points open.obj --up z --suns day.csv -o felt.csv --overwrite {line}"))
+            .line(&format!(
+                "points open.obj --up z --suns day.csv -o felt.csv --overwrite {line}"
+            ))
             .is(0);
         let text = std::fs::read_to_string(place.path("felt.csv")).expect("a table");
-        let head: Vec<String> = text.lines().next().expect("a head").split(',').map(str::to_owned).collect();
+        let head: Vec<String> = text
+            .lines()
+            .next()
+            .expect("a head")
+            .split(',')
+            .map(str::to_owned)
+            .collect();
         let rows = cells(&text);
         move |row: usize, name: &str| -> f64 {
             let at = head.iter().position(|head| head.starts_with(name)).expect("a column");
@@ -390,13 +398,19 @@ fn points_get_sun_and_sky_and_feel_them() {
     assert!((planes(0, "direct") - 640.0).abs() < 0.01 && (planes(1, "direct") - 480.0).abs() < 0.01);
     assert!((planes(0, "diffuse") - 100.0).abs() < 0.1, "{}", planes(0, "diffuse"));
     let wall = 100.0 * overcast_on_a_wall();
-    assert!((planes(1, "diffuse") - wall).abs() < 5e-3 * wall, "{} {wall}", planes(1, "diffuse"));
+    assert!(
+        (planes(1, "diffuse") - wall).abs() < 5e-3 * wall,
+        "{} {wall}",
+        planes(1, "diffuse")
+    );
     assert_eq!((planes(2, "direct"), planes(2, "diffuse")), (0.0, 0.0));
     // A sphere between sky and ground: a quarter of the beam, half of each.
     place.write("high.txt", "0 0 500\n");
     place.write("m.toml", "[default]\nemissivity = 1\ntemperature = 300\n");
     place.line("compute open.obj -o f").is(0);
-    place.line("solve f --thermal --materials m.toml --sky-temperature 280").is(0);
+    place
+        .line("solve f --thermal --materials m.toml --sky-temperature 280")
+        .is(0);
     let sphere = table("--points high.txt --as sphere --solution f --ground-temperature 300");
     let (light, dark) = (sphere(0, "irradiance"), sphere(1, "irradiance"));
     // Half of an overcast sky, as a sphere sees it: ∫ (1 + 2 sin γ) / ∫ (1 + 2 sin γ) sin γ, times π over 4π.
@@ -410,16 +424,30 @@ fn points_get_sun_and_sky_and_feel_them() {
         assert!((found - radiant).abs() < 0.05, "{row}: {found} {radiant}");
         let [air, humidity, wind] = [[25.0, 50.0, 2.0], [15.0, 70.0, 0.5]][row];
         let utci = hemicube_weather::comfort::utci(air, found - 273.15, wind, humidity).expect("in range");
-        assert!((sphere(row, "utci") - utci).abs() < 0.01, "{row}: {} {utci}", sphere(row, "utci"));
+        assert!(
+            (sphere(row, "utci") - utci).abs() < 0.01,
+            "{row}: {} {utci}",
+            sphere(row, "utci")
+        );
     }
     // A person gets f_p of the beam: 0.308 cos(γ (1 − γ² / 48402)) at 53.13°.
     let person = table("--points high.txt --as person");
     let angle = 53.130_102f64;
     let factor = 0.308 * (angle * (1.0 - angle * angle / 48_402.0)).to_radians().cos();
-    assert!((person(0, "direct") - 800.0 * factor).abs() < 0.1, "{}", person(0, "direct"));
+    assert!(
+        (person(0, "direct") - 800.0 * factor).abs() < 0.1,
+        "{}",
+        person(0, "direct")
+    );
     for (line, words) in [
-        ("--points planes.txt --solution f", "is of `--as person`, `sphere` or `cylinder`"),
-        ("--points high.txt --solution f --solution f", "two of `--solution` are of heat"),
+        (
+            "--points planes.txt --solution f",
+            "is of `--as person`, `sphere` or `cylinder`",
+        ),
+        (
+            "--points high.txt --solution f --solution f",
+            "two of `--solution` are of heat",
+        ),
     ] {
         let line = format!("points open.obj --up z --suns day.csv {line}");
         place.line(&line).is(2).says(&[words]);
@@ -433,7 +461,10 @@ fn points_have_shadows_and_reflected_light() {
     place.write("shaded.obj", shaded());
     place.write("noon.csv", "time,x,y,z,direct,diffuse\nnoon,0,0,1,800,0\n");
     place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.5\n");
-    place.write("points.txt", "1.5 1.5 0.5 0 0 1\n3.5 3.5 0.5 0 0 1\n3.5 3.5 0.001 0 0 -1\n");
+    place.write(
+        "points.txt",
+        "1.5 1.5 0.5 0 0 1\n3.5 3.5 0.5 0 0 1\n3.5 3.5 0.001 0 0 -1\n",
+    );
     place.line("compute shaded.obj -o f --split 8 --tolerance 1%").is(0);
     place.line("solve f --materials m.toml --suns noon.csv").is(0);
     place

@@ -26,9 +26,9 @@ const MOST: f64 = 65_536.0;
 pub(super) fn mean_over(corners: [DVec3; 3], error: f64, mut value: impl FnMut(DVec3) -> f64) -> f64 {
     let [a, b, c] = corners;
     let sequence = Sequence::new(0);
-    let batches = |points: f64| whole::to_u64(points.min(MOST) / BATCH as f64).max(1);
+    let batches = |points: f64| whole::to_u32(points.min(MOST) / BATCH as f64).max(1);
     let (mut sum, mut count, mut least, mut most) = (0.0, 0.0, f64::INFINITY, f64::NEG_INFINITY);
-    let mut add = |batch: u64| {
+    let mut add = |batch: u32| {
         let [u, v, ..] = sequence.points(batch as usize * BATCH);
         for (u, v) in u.into_iter().zip(v) {
             let (u, v) = fold(u, v);

@@ -71,6 +71,9 @@ pub(super) struct Felt {
     utci: f64,
 }
 
+/// A quantity: its name with its unit, and how to take it.
+type Column = (&'static str, fn(&Felt) -> f64);
+
 impl Felt {
     fn irradiance(&self) -> f64 {
         self.direct + self.diffuse + self.reflected
@@ -310,8 +313,8 @@ impl Hours {
     }
 
     /// Names of the quantities that there are, with their units, and how to take them.
-    fn columns(&self) -> Vec<(&'static str, fn(&Felt) -> f64)> {
-        let mut columns: Vec<(&'static str, fn(&Felt) -> f64)> = vec![
+    fn columns(&self) -> Vec<Column> {
+        let mut columns: Vec<Column> = vec![
             ("direct (W/m2)", |felt| felt.direct),
             ("diffuse (W/m2)", |felt| felt.diffuse),
         ];
