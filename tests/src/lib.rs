@@ -9,7 +9,7 @@
 //! | `HEMICUBE_REQUIRE_SCENES=1` | a test that would skip for want of a scene, or of what unpacks it, fails |
 //! | `HEMICUBE_TEST_BACKEND` | the backend that tests of form factors run over, in place of the built-in one |
 //! | `HEMICUBE_REQUIRE_BACKENDS` | names of backends, with commas: a test that would skip for want of a device fails |
-//! | `HEMICUBE_PYTHON` | a Python with NumPy, SciPy, and better with meshio, trimesh and DuckDB; otherwise `python3` |
+//! | `HEMICUBE_PYTHON` | a Python with NumPy, SciPy, and better with meshio, trimesh, DuckDB, rasterio and xarray; otherwise `python3` |
 //! | `HEMICUBE_REQUIRE_PYTHON=1` | a test that would skip for want of one fails |
 //! | `HEMICUBE_NODE_MODULES` | where npm installed gltf-validator |
 //! | `HEMICUBE_REQUIRE_NODE=1` | a test that would skip for want of it or of Node fails |

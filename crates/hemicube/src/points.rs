@@ -200,6 +200,9 @@ pub struct PointOptions {
     pub tolerance: Option<f64>,
     /// Threads; 0: one a core.
     pub threads: usize,
+    /// Rows with patches. Without, they have sky, ground and blocked share alone, by the weights of pixels: outlines and
+    /// closed forms of patches are most of the work. Through portals rows have their patches in any case.
+    pub patches: bool,
 }
 
 impl PointOptions {
@@ -210,7 +213,7 @@ impl PointOptions {
     /// use hemicube::backend::{Culling, RenderSettings};
     /// use hemicube::points::PointOptions;
     /// let render = RenderSettings { resolution: 256, culling: Culling::On, covered: false };
-    /// let options = PointOptions { render, tolerance: Some(0.01), threads: 0 };
+    /// let options = PointOptions { render, tolerance: Some(0.01), threads: 0, patches: true };
     /// assert_eq!(options.resolutions(), [256, 512, 1024]);
     /// ```
     pub fn resolutions(&self) -> Vec<u32> {
@@ -221,7 +224,11 @@ impl PointOptions {
     }
 }
 
-/// The resolution to begin with: 256, or 128 for tolerances that the next level mostly keeps.
+/// Pixels along an edge to begin with where no patch is told apart: enough for what a map shows. The book's page on
+/// points has the error.
+pub const SHARES_RESOLUTION: u32 = 64;
+
+/// The resolution to begin with for rows with patches: 256, or 128 for tolerances that the next level mostly keeps.
 pub fn first_resolution(tolerance: Option<f64>) -> u32 {
     match tolerance {
         Some(tolerance) if tolerance >= 0.005 => 128,
@@ -229,8 +236,8 @@ pub fn first_resolution(tolerance: Option<f64>) -> u32 {
     }
 }
 
-/// A row: Σ `patches` + `sky` + `ground` + `blocked` = 1, within rounding; through portals Σ `patches` − Σ `passed` +
-/// `sky` + `ground` + `blocked` + `cut_off`.
+/// A row: Σ `patches` + `sky` + `ground` + `blocked` = 1, within rounding, unless patches are left out
+/// ([`PointOptions::patches`]); through portals Σ `patches` − Σ `passed` + `sky` + `ground` + `blocked` + `cut_off`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SensorRow {
     /// Visible patches, ascending, and their view factors.
@@ -623,7 +630,7 @@ fn add_up(factors: &mut Vec<(InputPatch, f64)>) {
 ///
 /// // In the middle between two unit squares at unit distance, each is the face of a cube: a sixth of the sphere.
 /// let sensors = [Sensor { position: DVec3::splat(0.5), body: Body::Sphere }];
-/// let options = PointOptions { render: room::RENDER, tolerance: None, threads: 0 };
+/// let options = PointOptions { render: room::RENDER, tolerance: None, threads: 0, patches: true };
 /// let (horizon, sessions) = (Horizon::new(Axis::Z, 0.0), vec![Box::new(CpuBackend::new()) as _]);
 /// let rows = rows_of_sensors(&model, &sensors, horizon, options, sessions, &|_, row| row, &mut |_| true)?;
 /// let row = &rows.ok_or("told to stop")?[0];
@@ -660,6 +667,7 @@ pub fn rows_of_sensors<'a, R: Send>(
         });
     }
     let Surroundings { horizon, portals } = surroundings.into();
+    let has_patches = options.patches || portals.is_some_and(|portals| !portals.is_empty());
     let worker = || Worker {
         model,
         horizon,
@@ -667,7 +675,7 @@ pub fn rows_of_sensors<'a, R: Send>(
         follower: portals.and_then(|portals| Follower::new(portals, model)),
         levels: &levels,
         sessions: (0..levels.len()).map(|_| None).collect(),
-        scratch: Scratch::new(model),
+        scratch: Scratch::new(model, has_patches),
         tolerance: options.tolerance,
     };
     let threads = threads_of(options.threads).clamp(1, sensors.len().max(1));

@@ -206,6 +206,7 @@ pub(crate) fn points(
         },
         tolerance,
         threads,
+        patches: true,
     };
     let asked = portals::Asked {
         specular,

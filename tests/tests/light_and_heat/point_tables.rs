@@ -72,8 +72,8 @@ fn tables_of_points_have_one_column_of_each_name() {
         assert_eq!(distinct.len(), header.len(), "{header:?}");
         header
     };
-    assert_eq!(header("")[8..], ["ground (object)", "house"]);
-    assert_eq!(header("--by material")[8..], ["sky (material)", "brick"]);
+    assert_eq!(header("")[9..], ["ground (object)", "house"]);
+    assert_eq!(header("--by material")[9..], ["sky (material)", "brick"]);
     let mut command = place.command("points yard.obj --up z --grid 3 --height 1.5 -o ground.png");
     command.args(["--show", "ground (object)"]);
     finish(place.spawn(command)).is(0);

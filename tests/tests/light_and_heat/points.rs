@@ -615,6 +615,116 @@ fn a_grid_above_the_ground_leaves_out_what_is_in_solids_and_is_a_picture() {
     assert!(picture.info().width >= 900 && picture.info().height > 750);
 }
 
+/// A sphere's half of the sky went by the name that climatologists have for a horizontal plane's.
+#[test]
+fn a_grid_above_the_ground_is_of_horizontal_planes_and_its_cells_are_the_same_in_every_box() {
+    let place = Place::new();
+    let yard = room([7.0, 5.0, 3.0], &["ceiling", "north"]);
+    place.write(
+        "yard.obj",
+        format!("{yard}v 1.9 1.9 0.1\nv 4.2 1.9 0.1\nv 4.2 3.2 0.1\nv 1.9 3.2 0.1\no lawn\nf 9 10 11 12\n"),
+    );
+    let whole = rows(&place, "yard.obj --up z --grid 0.4 --height 1");
+    let text = std::fs::read_to_string(place.path("rows.json")).expect("rows");
+    assert!(text.contains("\"body\": \"plane\""), "{text}");
+    let position =
+        |row: &Value| -> Vec<f64> { row["position"].as_array().expect("three").iter().map(number).collect() };
+    // As a table of planes that look up, to the bit.
+    let mut table = String::new();
+    for row in &whole {
+        let p = position(row);
+        writeln!(table, "{} {} {} 0 0 1", p[0], p[1], p[2]).expect("a string");
+    }
+    place.write("planes.txt", table);
+    for (listed, of_grid) in rows(&place, "yard.obj --up z --points planes.txt").iter().zip(&whole) {
+        assert_eq!(listed["sky"], of_grid["sky"]);
+    }
+    // Cells are at multiples of the step: those of a box are some of the whole's.
+    let some = rows(&place, "yard.obj --up z --grid 0.4 --height 1 --box 1.3,-3,2.9,2");
+    assert_eq!(some.len(), 5 * 5, "columns from 1.2 to 3.2, rows from 0 to 2");
+    for row in &some {
+        let same = whole.iter().find(|other| other["position"] == row["position"]);
+        assert_eq!(same.expect("a cell of the whole")["sky"], row["sky"]);
+    }
+    // Middles in an outline alone; what stands there is on the ground, as before.
+    let lawn = rows(&place, "yard.obj --up z --grid 0.4 --height 1 --clip lawn --on floor");
+    let inside = whole.iter().filter(|row| {
+        let p = position(row);
+        (1.9..4.2).contains(&p[0]) && (1.9..3.2).contains(&p[1])
+    });
+    assert_eq!(lawn.len(), inside.count());
+    assert!(
+        lawn.iter()
+            .all(|row| whole.iter().any(|other| other["position"] == row["position"]))
+    );
+    // Other bodies by name, a sphere where a temperature is asked for.
+    place.write("warm.csv", "*,20 °C\n");
+    for (options, form) in [
+        ("", "horizontal plane"),
+        ("--as sphere", "sphere"),
+        ("--as cube", "side of a cube"),
+        ("--as person", "standing person"),
+        ("--temperatures warm.csv --sky-temperature 270", "sphere"),
+    ] {
+        let line = format!("points yard.obj --up z --grid 2 --height 1 --resolution 64 -o p.csv --overwrite {options}");
+        let ran = place.line(&line).is(0);
+        assert!(
+            ran.out.contains(&format!("sky view factor ({form})")),
+            "{options}: {}",
+            ran.out
+        );
+        let table = std::fs::read_to_string(place.path("p.csv")).expect("a table");
+        assert!(
+            table.lines().skip(1).all(|row| row.contains(&format!(",{form},open,"))),
+            "{table}"
+        );
+    }
+    for wrong in ["1,2,3", "3,0,1,2", "0,0,0,1", "a,b,c,d", "0,0,inf,1"] {
+        says(
+            &place,
+            &format!("yard.obj --up z --grid 1 --height 1 --box {wrong}"),
+            &["four numbers"],
+        );
+    }
+    says(
+        &place,
+        "yard.obj --up z --grid 1 --height 1 --clip roof",
+        &["`--clip roof` matches no object"],
+    );
+    says(
+        &place,
+        "yard.obj --up z --grid 1 --height 1 --box 90,90,95,95",
+        &["has a point in the open", "--box"],
+    );
+}
+
+/// Most of a point's work is to tell patches apart; a map of the sky has no use for it.
+#[test]
+fn without_patches_rows_have_the_same_sky_and_ground() {
+    let place = Place::new();
+    place.write("yard.obj", room([7.0, 5.0, 3.0], &["ceiling", "north"]));
+    place.write("high.txt", "3 2 9\n");
+    for body in ["plane", "person"] {
+        let line = format!("yard.obj --up z --grid 0.7 --height 1 --as {body}");
+        let (all, alone) = (rows(&place, &line), rows(&place, &format!("{line} --by none")));
+        assert_eq!(all.len(), alone.len());
+        for (all, alone) in all.iter().zip(&alone) {
+            assert!(alone["view_factors"].as_object().is_some_and(serde_json::Map::is_empty));
+            // Pixels on edges go either way: some 200 of 64 × 64 × 3, each to half.
+            for share in ["sky", "ground", "blocked"] {
+                let off = (number(&all[share]) - number(&alone[share])).abs();
+                assert!(off < 5e-3, "{body} {share}: {all} {alone}");
+            }
+        }
+    }
+    // What nothing hides is the whole sky, to the last pixel.
+    let above = rows(&place, "yard.obj --up z --points high.txt --as sphere --by none");
+    assert_eq!(number(&above[0]["sky"]), 0.5);
+    let tolerant = "points yard.obj --up z --grid 0.7 --height 1 --by none --tolerance 0.2% --verify 5 --json";
+    let report = place.line(tolerant).is(0).json();
+    assert!(number(&report["verified"]["share"]) < 2e-3, "{report}");
+}
+
 #[test]
 fn a_grid_on_surfaces_stands_off_them_along_their_normals() {
     let place = Place::new();
@@ -805,6 +915,7 @@ fn one_point_of_a_city_of_20_000_patches_takes_a_tenth_of_a_second_after_loading
             },
             tolerance,
             threads: 1,
+            patches: true,
         };
         let before = processor_time();
         for _ in 0..TIMES {

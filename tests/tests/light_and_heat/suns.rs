@@ -175,9 +175,7 @@ fn suns_and_sky_light_and_heat_patches_with_reflections() {
     let head: Vec<&str> = text.lines().next().expect("a head").split(',').collect();
     let column = |name: &str| {
         let is = |head: &&str| head.starts_with(name);
-        head.iter()
-            .position(|head| is(head))
-            .unwrap_or_else(|| panic!("no {name}: {text}"))
+        head.iter().position(is).unwrap_or_else(|| panic!("no {name}: {text}"))
     };
     let found = cells(&text);
     let value = |moment: &str, name: &str, what: &str| -> f64 {

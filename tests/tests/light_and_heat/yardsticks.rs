@@ -464,7 +464,7 @@ fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
     let head: Vec<&str> = found.lines().next().expect("a head").split(',').collect();
     let column = |name: &str| {
         let is = |head: &&str| head.split('_').next() == Some(name);
-        head.iter().position(|head| is(head)).expect("a column")
+        head.iter().position(is).expect("a column")
     };
     let columns = ["area", "temperature", "x", "y", "z"].map(column);
     let (mut sum, mut area, mut off) = (0.0, 0.0, 0.0f64);

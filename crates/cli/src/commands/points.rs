@@ -1,7 +1,9 @@
 //! `hemicube points`: view factors of sensors to patches, objects, sky and ground, and no row of a patch.
 
+mod crs;
 mod grid;
 mod heat;
+mod map;
 mod output;
 mod sensors;
 mod suns;
@@ -25,7 +27,9 @@ use hemicube::backend::{Culling, RenderSettings};
 use hemicube::diagnose::Place;
 use hemicube::driver::room::Work;
 use hemicube::frame::Horizon;
-use hemicube::points::{Body, PointOptions, Sensor, SensorRow, Surroundings, first_resolution, rows_of_sensors};
+use hemicube::points::{
+    Body, PointOptions, SHARES_RESOLUTION, Sensor, SensorRow, Surroundings, first_resolution, rows_of_sensors,
+};
 use hemicube::portal::Portals;
 use hemicube::reference::PointReference;
 use output::{Groups, Kept, Written};
@@ -51,7 +55,7 @@ const KELVIN_OF_ZERO: f64 = 273.15;
 
 const EXAMPLES: &str = "  \
   hemicube points city.obj --points people.txt --as person -o people.csv
-  hemicube points city.obj --grid 1.0 --height 1.5 --tolerance 1% -o sky.png -o sky.npz
+  hemicube points city.json --grid 1.0 --height 1.5 --tolerance 1% -o sky.tif -o sky.png
   hemicube points room.obj --grid 0.5 --on \"floor*\" -o floor.csv
   hemicube points street.obj --grid 1 --height 1.5 --periodic y=0..100 --specular glass.toml -o street.csv
   hemicube points room.obj --points seats.csv --as cylinder --solution room.hemicube -o comfort.csv";
@@ -67,13 +71,27 @@ pub(crate) struct Arguments {
     /// The points: `x y z` or `x y z nx ny nz` a line, or columns of these names
     #[arg(long, value_name = "FILE", group = "where", help_heading = "Points")]
     pub(crate) points: Option<PathBuf>,
-    /// Points every STEP, in the scene's unit: with `--height` above the ground, with `--on` on surfaces
+    /// Points every STEP, in the scene's unit: with `--height` above the ground, in cells at multiples of STEP; with
+    /// `--on` on surfaces
     #[arg(long, value_name = "STEP", value_parser = length, group = "where", help_heading = "Points")]
     pub(crate) grid: Option<f64>,
     /// Height of the grid above the lowest surface that looks up; those in solids are left out
     #[arg(long, value_name = "HEIGHT", value_parser = real, requires = "grid", conflicts_with = "points",
         allow_negative_numbers = true, help_heading = "Points")]
     pub(crate) height: Option<f64>,
+    /// Cells of the grid between these coordinates alone, along east and north: x and y where z is up
+    #[arg(long = "box", value_name = "X0,Y0,X1,Y1", value_parser = extent, requires = "height",
+        conflicts_with = "points", allow_hyphen_values = true, help_heading = "Points")]
+    pub(crate) extent: Option<[f64; 4]>,
+    /// Cells alone with their middles in the outline, seen from above, of these objects or materials (repeatable)
+    #[arg(
+        long,
+        value_name = "GLOB",
+        requires = "height",
+        conflicts_with = "points",
+        help_heading = "Points"
+    )]
+    pub(crate) clip: Vec<String>,
     /// Surfaces of the grid, by object or material (repeatable): to stand on, or with `--height` the ground
     #[arg(
         long,
@@ -84,7 +102,8 @@ pub(crate) struct Arguments {
     )]
     pub(crate) on: Vec<String>,
     /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
-    /// cylinder, upright [default: plane with normals, sphere without]
+    /// cylinder, upright [default: plane with normals and, looking up, for a grid with `--height`; sphere without, and
+    /// for radiant temperatures of such a grid]
     #[arg(
         long = "as",
         value_name = "plane|sphere|cube|person|cylinder",
@@ -142,27 +161,30 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "T", value_parser = crate::args::change)]
     pub(crate) tolerance: Option<f64>,
     /// Pixels along an edge of the first hemicubes: a multiple of 16 up to 1024 [default: 256; 128 for a
-    /// tolerance from 0.5%]
+    /// tolerance from 0.5%; 64 for `--by none`]
     #[arg(long, value_name = "N", value_parser = crate::args::pixels)]
     pub(crate) resolution: Option<u32>,
     /// Compare so many points with rows by rays
     #[arg(long, value_name = "POINTS", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) verify: Option<u32>,
-    /// Write the rows to FILE: .csv, .json, .npz, or as a picture of a grid .png, .svg (repeatable)
+    /// Write the rows to FILE: .csv, .json, .npz; of a grid as a map .tif, .nc, .asc, as a picture .png, .svg (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// Replace what is there
     #[arg(long, requires = "output")]
     pub(crate) overwrite: bool,
-    /// Columns of .csv and .json
+    /// Columns of .csv and .json; none: sky, ground and backs alone, by 64 pixels an edge, several times as fast
     #[arg(
         long,
-        value_name = "object|material|patch",
+        value_name = "object|material|patch|none",
         default_value = "object",
         hide_possible_values = true
     )]
     pub(crate) by: By,
-    /// What a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt where there is one,
+    /// Coordinate reference system of a map, such as EPSG:28992 [default: the one that the scene names]
+    #[arg(long, value_name = "EPSG:N", value_parser = crs::Crs::named, requires = "output")]
+    pub(crate) crs: Option<crs::Crs>,
+    /// What a map or a picture shows: sky, ground, blocked, mrt, or an object or material [default: mrt where there is one,
     /// else sky]
     #[arg(long, value_name = "COLUMN")]
     pub(crate) show: Option<String>,
@@ -217,6 +239,8 @@ pub(crate) enum By {
     Material,
     /// Patches.
     Patch,
+    /// What is no patch.
+    None,
 }
 
 fn real(text: &str) -> Result<f64, String> {
@@ -233,6 +257,14 @@ fn length(text: &str) -> Result<f64, String> {
     }
 }
 
+fn extent(text: &str) -> Result<[f64; 4], String> {
+    let numbers: Result<Vec<f64>, String> = text.split(',').map(|number| real(number.trim())).collect();
+    match numbers.ok().and_then(|numbers| <[f64; 4]>::try_from(numbers).ok()) {
+        Some(corners @ [x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(corners),
+        _ => Err("four numbers are needed, X0,Y0,X1,Y1, with X0 below X1 and Y0 below Y1".to_owned()),
+    }
+}
+
 fn kelvin(text: &str) -> Result<f64, String> {
     text.parse::<hemicube::solve::Temperature>()
         .map(hemicube::solve::Temperature::kelvin)
@@ -243,7 +275,7 @@ fn kelvin(text: &str) -> Result<f64, String> {
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Verified {
     points: u64,
-    /// ‖F − F_rays‖ / ‖F_rays‖ over the points.
+    /// ‖F − F_rays‖ / ‖F_rays‖ over the points; of sky and ground where there are no patches.
     error: f64,
     /// The part of it that the rays explain.
     noise: f64,
@@ -319,6 +351,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let sensors = Sensors::new(arguments, source, &prepared, &horizon)?;
     sensors.require_within(&portals)?;
     sensors.tell(arguments, talk);
+    output::require_columns(arguments, &portals)?;
+    output::require_map(arguments, &prepared, &sensors, talk)?;
     let hours = match table {
         Some(table) => {
             Hours::require_direct(&portals)?;
@@ -425,15 +459,16 @@ impl Task<'_> {
     fn options(&self) -> PointOptions {
         PointOptions {
             render: RenderSettings {
-                resolution: self
-                    .arguments
-                    .resolution
-                    .unwrap_or(first_resolution(self.arguments.tolerance)),
+                resolution: self.arguments.resolution.unwrap_or(match self.arguments.by {
+                    By::None => SHARES_RESOLUTION,
+                    _ => first_resolution(self.arguments.tolerance),
+                }),
                 culling: Culling::On,
                 covered: false,
             },
             tolerance: self.arguments.tolerance,
             threads: self.arguments.engine.thread_count(),
+            patches: self.arguments.by != By::None,
         }
     }
 
@@ -531,8 +566,15 @@ impl Task<'_> {
         let ours = rows.iter().filter(|row| places.binary_search(&row.sensor).is_ok());
         let (mut squared, mut norm, mut noise, mut share) = (0.0, 0.0, 0.0, 0.0f64);
         for (ours, theirs) in ours.zip(&found) {
-            squared += output::squared_difference(&ours.row, &theirs.row);
-            norm += theirs.row.squared_norm();
+            if self.arguments.by == By::None {
+                for (a, b) in [(ours.row.sky, theirs.row.sky), (ours.row.ground, theirs.row.ground)] {
+                    squared += (a - b).powi(2);
+                    norm += b * b;
+                }
+            } else {
+                squared += output::squared_difference(&ours.row, &theirs.row);
+                norm += theirs.row.squared_norm();
+            }
             noise += theirs.error * theirs.error;
             for (a, b) in [
                 (ours.row.sky, theirs.row.sky),
@@ -612,13 +654,7 @@ impl Task<'_> {
     /// Means over all points, the error where it was measured, and the first points.
     fn results(&self, rows: &[Kept], verified: Option<Verified>) -> String {
         let mut list = Listing::default();
-        let form = match self.sensors.body {
-            BodyName::Plane => "planes",
-            BodyName::Sphere => "spheres",
-            BodyName::Cube => "cubes, a row a side",
-            BodyName::Person => "standing persons",
-            BodyName::Cylinder => "upright cylinders",
-        };
+        let form = self.sensors.form();
         let points = self.sensors.items.len() as u64;
         let left_out = match &self.sensors.raster {
             Some(raster) => format!(
@@ -629,12 +665,12 @@ impl Task<'_> {
             ),
             None => String::new(),
         };
-        list.add("points", format!("{} as {form}{left_out}", count(points)));
+        list.add("points", format!("{}{left_out}", count(points)));
         if self.heat.is_some() {
             let of = |fold: fn(f64, f64) -> f64, start: f64| rows.iter().map(|row| row.temperature).fold(start, fold);
             let mean = self.mean(rows, |row| row.temperature);
             list.add(
-                "mean radiant temperature",
+                &format!("mean radiant temperature ({form})"),
                 format!(
                     "{mean:.2} K ({:.2} °C) on average, from {:.2} to {:.2} K",
                     mean - KELVIN_OF_ZERO,
@@ -657,7 +693,7 @@ impl Task<'_> {
                 ends.1
             )
         };
-        list.add("sky view factor", range(|row| row.row.sky));
+        list.add(&format!("sky view factor ({form})"), range(|row| row.row.sky));
         list.add("ground below the horizon", range(|row| row.row.ground));
         list.add("backs of surfaces", range(|row| row.row.blocked));
         if !self.portals.is_empty() {

@@ -34,7 +34,7 @@ pub(super) struct Sum {
     pub(super) through: Arrivals,
 }
 
-/// View factors of one direction of a body, summing to 1.
+/// View factors of one direction of a body, summing to 1; without patches, their shares.
 pub(super) struct Factors {
     pub(super) patches: Vec<(InputPatch, f64)>,
     pub(super) sky: f64,
@@ -48,11 +48,14 @@ pub(super) struct Scratch {
     weights: Vec<u64>,
     touched: Vec<u32>,
     polygon: Vec<DVec3>,
+    /// False: sky, ground and blocked share alone, by pixels.
+    has_patches: bool,
 }
 
 impl Scratch {
-    pub(super) fn new(model: &Model) -> Self {
+    pub(super) fn new(model: &Model, has_patches: bool) -> Self {
         Self {
+            has_patches,
             weights: vec![0; model.geometry().patch_count as usize],
             touched: Vec::new(),
             polygon: Vec::new(),
@@ -107,10 +110,12 @@ impl Scratch {
                             let Some(slot) = self.weights.get_mut(patch as usize) else {
                                 return Err(wrong("names a patch beyond the scene"));
                             };
-                            if *slot == 0 {
-                                self.touched.push(patch);
+                            if self.has_patches {
+                                if *slot == 0 {
+                                    self.touched.push(patch);
+                                }
+                                *slot += weight;
                             }
-                            *slot += weight;
                         }
                     }
                     x = end;
@@ -153,6 +158,15 @@ impl Scratch {
     pub(super) fn factors(&mut self, model: &Model, origin: DVec3, part: &Part, sum: &Sum) -> Factors {
         let whole = f64::from(WHOLE) * f64::from(sum.hemicubes.max(1));
         let share = |weight: u64| weight as f64 / whole;
+        if !self.has_patches {
+            let [sky, ground, blocked] = [sum.sky, sum.ground, sum.blocked].map(share);
+            return Factors {
+                patches: Vec::new(),
+                sky,
+                ground,
+                blocked,
+            };
+        }
         let axis = part.axis.normalize_or_zero();
         let mut patches = Vec::with_capacity(sum.seen.len());
         // By how much each may be wrong: pixels along an edge go either way, and nothing is seen of what is hidden.

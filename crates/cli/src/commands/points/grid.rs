@@ -11,6 +11,8 @@ use hemicube::frame::{Horizon, axes_of};
 use hemicube_spatial::whole;
 use std::collections::BTreeSet;
 
+/// Part of a cell within which a border lies on a multiple of the step: steps such as 0.1 have no exact multiples.
+const ON_MULTIPLE: f64 = 1e-6;
 /// Most cells of a grid.
 const CELLS_MAX: f64 = 4_000_000.0;
 /// Offset from surfaces, in steps.
@@ -29,8 +31,8 @@ const NAMES_SHOWN: usize = 5;
 /// A grid's points.
 pub(super) struct Grid {
     pub(super) positions: Vec<DVec3>,
-    /// On surfaces alone.
-    pub(super) normals: Option<Vec<DVec3>>,
+    /// Of the surfaces, or the way up.
+    pub(super) normals: Vec<DVec3>,
     pub(super) raster: Raster,
 }
 
@@ -42,6 +44,9 @@ pub(super) struct Raster {
     pub(super) rows: usize,
     /// The point of each cell, row by row from the corner of `origin`.
     pub(super) cells: Vec<Option<usize>>,
+    /// The corner of the first cell along `right` and `up`, and the step.
+    pub(super) corner: DVec2,
+    pub(super) step: f64,
     /// The middle of the first cell, and the steps to the next cells.
     pub(super) origin: DVec3,
     pub(super) right: DVec3,
@@ -98,18 +103,33 @@ pub(super) fn grid(arguments: &Arguments, prepared: &Prepared, horizon: &Horizon
             "`--height 1.5` puts it above the ground, `--on \"floor*\"` on surfaces",
         ));
     }
-    let chosen = chosen(arguments, prepared)?;
+    let chosen = chosen("--on", &arguments.on, prepared)?;
     match arguments.height {
-        Some(height) => above_ground(prepared, horizon, &chosen, step, height),
+        Some(height) => {
+            let clip = chosen_of_some("--clip", &arguments.clip, prepared)?;
+            let extent = match (arguments.extent, &clip) {
+                (Some([x0, y0, x1, y1]), _) => Extent::Box([DVec2::new(x0, y0), DVec2::new(x1, y1)]),
+                (None, Some(clip)) => Extent::Of(clip),
+                (None, None) => Extent::Of(&chosen),
+            };
+            let frame = Frame([horizon.east, horizon.north, horizon.up]);
+            let layout = Layout::new(prepared, frame, &chosen, step, extent)?;
+            above_ground(prepared, horizon, layout, clip.as_deref(), height)
+        }
         None => on_surfaces(prepared, horizon, &chosen, step, OFFSET * step),
     }
 }
 
-/// The triangles of `--on`; all without it.
-fn chosen(arguments: &Arguments, prepared: &Prepared) -> Result<Vec<bool>> {
+/// The triangles that an option's globs name, by object or material; `None` without a glob.
+fn chosen_of_some(flag: &str, globs: &[String], prepared: &Prepared) -> Result<Option<Vec<bool>>> {
+    (!globs.is_empty()).then(|| chosen(flag, globs, prepared)).transpose()
+}
+
+/// Likewise, and all triangles without a glob.
+fn chosen(flag: &str, globs: &[String], prepared: &Prepared) -> Result<Vec<bool>> {
     let scene = &prepared.scene;
-    let mut chosen = vec![arguments.on.is_empty(); scene.triangles.len()];
-    for glob in &arguments.on {
+    let mut chosen = vec![globs.is_empty(); scene.triangles.len()];
+    for glob in globs {
         let objects = matching_objects(scene, glob);
         let materials: Vec<bool> = scene.materials.iter().map(|m| matches_glob(glob, &m.name)).collect();
         let is = |names: &[bool], index: u32| names.get(index as usize).copied().unwrap_or(false);
@@ -126,7 +146,7 @@ fn chosen(arguments: &Arguments, prepared: &Prepared) -> Result<Vec<bool>> {
             let shown: Vec<String> = names.iter().take(NAMES_SHOWN).map(|name| format!("`{name}`")).collect();
             let more = names.len().saturating_sub(NAMES_SHOWN);
             return Err(hinted(
-                anyhow!("`--on {glob}` matches no object and no material"),
+                anyhow!("`{flag} {glob}` matches no object and no material"),
                 if shown.is_empty() {
                     "the scene has no names".to_owned()
                 } else if more > 0 {
@@ -140,77 +160,83 @@ fn chosen(arguments: &Arguments, prepared: &Prepared) -> Result<Vec<bool>> {
     Ok(chosen)
 }
 
+/// The area that a grid's cells cover.
+#[derive(Clone, Copy)]
+enum Extent<'a> {
+    /// Between two corners along right and up, with cells at multiples of the step.
+    Box([DVec2; 2]),
+    /// About triangles, with cells at multiples of the step.
+    Of(&'a [bool]),
+    /// The grid lies in the middle of its surfaces.
+    Middle,
+}
+
 /// The chosen triangles in a grid's frame.
 struct Layout {
     frame: Frame,
     step: f64,
     /// Corners along right and up, height out of the grid, and the place of the triangle in the scene.
     triangles: Vec<([DVec3; 3], usize)>,
-    low: DVec2,
+    /// The corner of the first cell, in steps: a cell has the same middle in every grid that is aligned.
+    first: DVec2,
     columns: usize,
     rows: usize,
     extent: f64,
 }
 
 impl Layout {
-    fn new(prepared: &Prepared, frame: Frame, chosen: &[bool], step: f64) -> Result<Self> {
-        let mut triangles = Vec::new();
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for (place, (triangle, _)) in prepared
-            .scene
-            .triangles
-            .iter()
-            .zip(chosen)
-            .enumerate()
-            .filter(|(_, (_, chosen))| **chosen)
-        {
-            let corners = triangle.corners.map(|corner| frame.local(corner));
-            for corner in corners {
-                low = low.min(corner);
-                high = high.max(corner);
+    fn new(prepared: &Prepared, frame: Frame, chosen: &[bool], step: f64, extent: Extent<'_>) -> Result<Self> {
+        let triangles = triangles_of(prepared, &frame, chosen);
+        let [low, high] = bounds(&triangles);
+        let aligned = |low: DVec2, high: DVec2| {
+            let first = (low / step + ON_MULTIPLE).floor();
+            (first, ((high / step - ON_MULTIPLE).ceil() - first).max(DVec2::ONE))
+        };
+        let (first, cells) = match extent {
+            Extent::Box([low, high]) => aligned(low, high),
+            Extent::Of(others) => {
+                let [low, high] = bounds(&triangles_of(prepared, &frame, others));
+                aligned(low.truncate(), high.truncate())
             }
-            triangles.push((corners, place));
-        }
-        let size = high - low;
-        let cells = (size / step).ceil().max(DVec3::ONE);
+            Extent::Middle => {
+                let size = (high - low).truncate();
+                let cells = (size / step).ceil().max(DVec2::ONE);
+                let rest = (cells * step - size) * 0.5;
+                ((low.truncate() - rest) / step, cells)
+            }
+        };
         // Infinite where a coordinate all but overflows.
         if cells.x * cells.y > CELLS_MAX || !cells.is_finite() {
             return Err(hinted(
                 anyhow!(
                     "a step of {step} makes {:.3e} cells of {:.6} × {:.6}; a grid has {} at most",
                     cells.x * cells.y,
-                    size.x,
-                    size.y,
+                    cells.x * step,
+                    cells.y * step,
                     count(4_000_000)
                 ),
-                "take a larger step, or `--on` a part of the scene",
+                "take a larger step, or `--box`, or `--on` a part of the scene",
             ));
         }
-        // The grid lies in the middle of its surfaces.
-        let rest = (cells * step - size) * 0.5;
         let (columns, rows) = (whole::to_usize(cells.x), whole::to_usize(cells.y));
         Ok(Self {
             frame,
             step,
             triangles,
-            low: (low - rest).truncate(),
+            first,
             columns,
             rows,
-            extent: size.max_element(),
+            extent: (high - low).max_element(),
         })
     }
 
-    /// Takes all triangles of the scene in place of the chosen ones; the cells stay.
-    fn take_all(&mut self, prepared: &Prepared) {
-        let triangles = prepared.scene.triangles.iter().enumerate();
-        let frame = &self.frame;
-        self.triangles = triangles
-            .map(|(place, triangle)| (triangle.corners.map(|corner| frame.local(corner)), place))
-            .collect();
+    /// Takes other triangles of the scene in place of the chosen ones; the cells stay.
+    fn take(&mut self, prepared: &Prepared, others: &[bool]) {
+        self.triangles = triangles_of(prepared, &self.frame, others);
     }
 
     fn middle(&self, column: usize, row: usize) -> DVec2 {
-        self.low + (DVec2::new(column as f64, row as f64) + 0.5) * self.step
+        (self.first + DVec2::new(column as f64, row as f64) + 0.5) * self.step
     }
 
     /// Calls `meet` for every cell with its middle on a triangle, with the height there.
@@ -222,8 +248,8 @@ impl Layout {
             if area == 0.0 {
                 continue;
             }
-            let low = (p.min(q).min(r) - self.low) / self.step - 0.5;
-            let high = (p.max(q).max(r) - self.low) / self.step - 0.5;
+            let low = p.min(q).min(r) / self.step - self.first - 0.5;
+            let high = p.max(q).max(r) / self.step - self.first - 0.5;
             for row in cell(low.y.ceil(), self.rows)..cell(high.y.floor() + 1.0, self.rows) {
                 for column in cell(low.x.ceil(), self.columns)..cell(high.x.floor() + 1.0, self.columns) {
                     let at = self.middle(column, row);
@@ -238,8 +264,8 @@ impl Layout {
         }
     }
 
-    /// The grid with a point at each cell that has a height and, on surfaces, a normal.
-    fn grid(&self, heights: &[Option<(f64, DVec3)>], has_normals: bool) -> Result<Grid> {
+    /// The grid with a point at each cell that has a height and a normal.
+    fn grid(&self, heights: &[Option<(f64, DVec3)>]) -> Result<Grid> {
         let (mut positions, mut normals, mut cells) = (Vec::new(), Vec::new(), Vec::with_capacity(heights.len()));
         for (cell, found) in heights.iter().enumerate() {
             cells.push(found.map(|_| positions.len()));
@@ -255,8 +281,8 @@ impl Layout {
                     "no middle of {} of the grid has a point in the open",
                     counted(cells.len() as u64, "cell")
                 ),
-                "take a smaller step, and look at `--height`, `--on`, `--up`, and whether surfaces face outwards \
-                 (`hemicube inspect`)",
+                "take a smaller step, and look at `--height`, `--on`, `--box`, `--clip`, `--up`, and whether surfaces \
+                 face outwards (`hemicube inspect`)",
             ));
         }
         let level = positions
@@ -266,11 +292,13 @@ impl Layout {
         let left_out = cells.iter().filter(|cell| cell.is_none()).count() as u64;
         Ok(Grid {
             positions,
-            normals: has_normals.then_some(normals),
+            normals,
             raster: Raster {
                 columns: self.columns,
                 rows: self.rows,
                 cells,
+                corner: self.first * self.step,
+                step: self.step,
                 origin: self.frame.world(self.middle(0, 0).extend(level)),
                 right: self.frame.0[0] * self.step,
                 up: self.frame.0[1] * self.step,
@@ -278,6 +306,23 @@ impl Layout {
             },
         })
     }
+}
+
+/// The triangles of a choice in a grid's frame, with their places in the scene.
+fn triangles_of(prepared: &Prepared, frame: &Frame, chosen: &[bool]) -> Vec<([DVec3; 3], usize)> {
+    let triangles = prepared.scene.triangles.iter().zip(chosen).enumerate();
+    triangles
+        .filter(|(_, (_, chosen))| **chosen)
+        .map(|(place, (triangle, _))| (triangle.corners.map(|corner| frame.local(corner)), place))
+        .collect()
+}
+
+/// The least and the greatest coordinates.
+fn bounds(triangles: &[([DVec3; 3], usize)]) -> [DVec3; 2] {
+    let corners = triangles.iter().flat_map(|(corners, _)| corners);
+    corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], &corner| {
+        [low.min(corner), high.max(corner)]
+    })
 }
 
 /// The first surfaces above a point, in one place.
@@ -303,10 +348,15 @@ impl Above {
 
 /// Points above the lowest surface that looks up, but those below the back of a surface: in a solid, or under the
 /// ground. Inside a solid that stands wall to wall with others, fronts of theirs are all round, and only its roof
-/// tells; in one that carries others, the roof of the highest. The cost is one pass over the triangles a storey.
-fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f64, height: f64) -> Result<Grid> {
-    let frame = Frame([horizon.east, horizon.north, horizon.up]);
-    let mut layout = Layout::new(prepared, frame, chosen, step)?;
+/// tells; in one that carries others, the roof of the highest. The cost is one pass over the triangles a storey. With
+/// `clip`, cells alone whose middles lie above or below its triangles.
+fn above_ground(
+    prepared: &Prepared,
+    horizon: &Horizon,
+    mut layout: Layout,
+    clip: Option<&[bool]>,
+    height: f64,
+) -> Result<Grid> {
     let looks_up = |place: usize| {
         let triangle = &prepared.scene.triangles[place];
         let [a, b, c] = triangle.corners;
@@ -323,7 +373,15 @@ fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f
     for (at, _) in ground.iter_mut().flatten() {
         *at += height;
     }
-    layout.take_all(prepared);
+    if let Some(clip) = clip {
+        let mut is_within = vec![false; ground.len()];
+        layout.take(prepared, clip);
+        layout.each(|cell, _, _| is_within[cell] = true);
+        for (point, is_within) in ground.iter_mut().zip(is_within) {
+            *point = point.filter(|_| is_within);
+        }
+    }
+    layout.take(prepared, &vec![true; prepared.scene.triangles.len()]);
     let near = ONE * layout.extent;
     // Where to look from in each cell; what is decided is looked at no more.
     let mut from: Vec<Option<f64>> = ground.iter().map(|point| point.map(|(at, _)| at)).collect();
@@ -361,7 +419,7 @@ fn above_ground(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f
             break;
         }
     }
-    layout.grid(&ground, false)
+    layout.grid(&ground)
 }
 
 /// Points on the chosen surfaces, off them by `offset` along their normals.
@@ -392,7 +450,7 @@ fn on_surfaces(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f6
         }
         None => bail!("the surfaces of `--on` have no area"),
     };
-    let layout = Layout::new(prepared, frame, chosen, step)?;
+    let layout = Layout::new(prepared, frame, chosen, step, Extent::Middle)?;
     let mut found: Vec<Option<(f64, DVec3)>> = vec![None; layout.columns * layout.rows];
     let mut over = None;
     layout.each(|cell, at, place| {
@@ -420,11 +478,9 @@ fn on_surfaces(prepared: &Prepared, horizon: &Horizon, chosen: &[bool], step: f6
             "name those of one storey",
         ));
     }
-    let mut grid = layout.grid(&found, true)?;
-    if let Some(normals) = &grid.normals {
-        for (position, normal) in grid.positions.iter_mut().zip(normals) {
-            *position += *normal * offset;
-        }
+    let mut grid = layout.grid(&found)?;
+    for (position, normal) in grid.positions.iter_mut().zip(&grid.normals) {
+        *position += *normal * offset;
     }
     Ok(grid)
 }

@@ -1,11 +1,14 @@
-//! Rows of sensors as tables, arrays and pictures.
+//! Rows of sensors as tables, arrays, maps and pictures.
 
+use super::crs::Crs;
 use super::heat::Heat;
+use super::map::{self, Band, NO_DATA};
 use super::sensors::Sensors;
 use super::suns::{Brought, Felt, Hours};
 use super::{Arguments, By};
+use crate::args::Talk;
 use crate::exit::hinted;
-use crate::picture::canvas::{Anchor, Canvas, Color, Format as PictureFormat, NOTHING, Rect, WHITE, scale_color};
+use crate::picture::canvas::{Anchor, Canvas, Color, NOTHING, Rect, WHITE, scale_color};
 use crate::prepare::Prepared;
 use crate::report::{PendingFile, SCHEMA, count, figures};
 use crate::table::field;
@@ -13,6 +16,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
 use hemicube::diagnose::Place;
 use hemicube::points::{SensorRow, Table, sides, write_rows};
+use hemicube::portal::Portals;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
@@ -40,6 +44,9 @@ enum Format {
     Csv,
     Json,
     Npz,
+    Tiff,
+    NetCdf,
+    AsciiGrid,
     Picture,
 }
 
@@ -50,30 +57,122 @@ impl Format {
             Some("csv") => Ok(Self::Csv),
             Some("json") => Ok(Self::Json),
             Some("npz") => Ok(Self::Npz),
+            Some("tif" | "tiff") => Ok(Self::Tiff),
+            Some("nc") => Ok(Self::NetCdf),
+            Some("asc") => Ok(Self::AsciiGrid),
             Some("png" | "svg") => Ok(Self::Picture),
             _ => bail!(
-                "`--output {}`: a name that ends in .csv, .json, .npz, .png or .svg is needed",
+                "`--output {}`: a name that ends in .csv, .json, .npz, .tif, .nc, .asc, .png or .svg is needed",
                 path.display()
             ),
         }
+    }
+
+    /// Returns whether it is a file of a grid's cells with their coordinates.
+    fn is_map(self) -> bool {
+        matches!(self, Self::Tiff | Self::NetCdf | Self::AsciiGrid)
     }
 }
 
 /// Refuses outputs that cannot be, before anything is read.
 ///
 /// # Errors
-/// For a name of no format, and a picture without a grid.
+/// For a name of no format, a map or a picture without a grid, and options of maps without one.
 pub(super) fn require(arguments: &Arguments) -> Result<()> {
-    for path in &arguments.output {
-        if Format::of(path)? == Format::Picture && arguments.grid.is_none() {
+    let formats: Result<Vec<Format>> = arguments.output.iter().map(|path| Format::of(path)).collect();
+    let formats = formats?;
+    for (path, format) in arguments.output.iter().zip(&formats) {
+        let what = if format.is_map() { "map" } else { "picture" };
+        let is_of_cells = format.is_map() || *format == Format::Picture;
+        if is_of_cells && arguments.grid.is_none() {
             return Err(hinted(
-                anyhow!("`{}`: a picture is of a grid, and `--points` are none", path.display()),
+                anyhow!("`{}`: a {what} is of a grid, and `--points` are none", path.display()),
                 "`--grid STEP --height HEIGHT` makes one",
             ));
         }
+        if *format == Format::AsciiGrid && arguments.body == Some(super::BodyName::Cube) {
+            return Err(hinted(
+                anyhow!("`{}`: an ASCII grid is one map, and a cube has six", path.display()),
+                "a .tif has a band for each, a .nc a dimension",
+            ));
+        }
     }
-    if arguments.show.is_some() && !arguments.output.iter().any(|path| PictureFormat::of(path).is_ok()) {
-        bail!("`--show` is of a picture, and no `-o` ends in .png or .svg");
+    let has_cells = |format: &Format| format.is_map() || *format == Format::Picture;
+    if arguments.show.is_some() && !formats.iter().any(has_cells) {
+        bail!("`--show` is of a map or a picture, and no `-o` ends in .tif, .nc, .asc, .png or .svg");
+    }
+    if arguments.crs.is_some()
+        && !formats
+            .iter()
+            .any(|format| matches!(format, Format::Tiff | Format::NetCdf))
+    {
+        bail!("`--crs` is written into a .tif or .nc, and no `-o` ends so");
+    }
+    Ok(())
+}
+
+/// Refuses `--by none` where patches are needed.
+///
+/// # Errors
+/// For a sparse matrix of patches, radiant temperatures, and portals.
+pub(super) fn require_columns(arguments: &Arguments, portals: &Portals) -> Result<()> {
+    if arguments.by != By::None {
+        return Ok(());
+    }
+    let needs = if keeps_patches(arguments) {
+        "a .npz has a column for each patch"
+    } else if !arguments.solution.is_empty() || arguments.temperatures.is_some() {
+        "a radiant temperature is of all patches"
+    } else if !portals.is_empty() {
+        "mirrors, panes and images are followed by patches"
+    } else {
+        return Ok(());
+    };
+    Err(hinted(
+        anyhow!("`--by none` leaves patches out, and {needs}"),
+        "leave `--by none` out",
+    ))
+}
+
+/// Refuses maps of what lies askew, and tells where a map is without the scene's coordinate reference system.
+///
+/// # Errors
+/// When a map is asked for and the grid's cells do not lie along east and north; for `--crs` where z is not up.
+pub(super) fn require_map(arguments: &Arguments, prepared: &Prepared, sensors: &Sensors, talk: Talk) -> Result<()> {
+    let of = |path: &std::path::PathBuf| Format::of(path).ok();
+    let maps: Vec<Format> = arguments
+        .output
+        .iter()
+        .filter_map(of)
+        .filter(|format| format.is_map())
+        .collect();
+    let (Some(raster), false) = (&sensors.raster, maps.is_empty()) else {
+        return Ok(());
+    };
+    let horizon = &sensors.horizon;
+    if raster.right != horizon.east * raster.step || raster.up != horizon.north * raster.step {
+        return Err(hinted(
+            anyhow!("a map lies along east and north, and these surfaces do not look up"),
+            "write a .npz, which has the steps of the grid, or a .png",
+        ));
+    }
+    if arguments.crs.is_some() && horizon.up != DVec3::Z {
+        return Err(hinted(
+            anyhow!("`--crs` is of scenes with x to the east and y to the north, and here z does not point up"),
+            "turn the scene, or leave `--crs` out",
+        ));
+    }
+    let bands = sensors.items[0].body.rows();
+    prepared
+        .budget
+        .require(map::Map::bytes(raster.columns, raster.rows, bands), "a map")?;
+    let is_named = arguments.crs.is_some() || maps.iter().all(|&format| format == Format::AsciiGrid);
+    if let (false, Some(name)) = (is_named, &prepared.scene.crs)
+        && let Err(reason) = Crs::of_scene(name)
+    {
+        talk.warn(&format!(
+            "the map has no coordinate reference system: {reason}; `--crs EPSG:N` names a projected one"
+        ));
     }
     Ok(())
 }
@@ -83,6 +182,8 @@ pub(super) fn bytes_at_least(path: &Path, sensors: usize) -> u64 {
     match Format::of(path) {
         // A point with its normal, and three shares: no cell is empty.
         Ok(Format::Csv | Format::Json) => 20 * sensors as u64,
+        Ok(Format::NetCdf) => 4 * sensors as u64,
+        Ok(Format::AsciiGrid) => 2 * sensors as u64,
         // Compressed arrays, and pictures of one colour.
         _ => 1 << 10,
     }
@@ -95,8 +196,8 @@ pub(super) fn keeps_patches(arguments: &Arguments) -> bool {
 }
 
 /// Columns of tables that are no group.
-const OWN_COLUMNS: [&str; 13] = [
-    "point", "x", "y", "z", "nx", "ny", "nz", "place", "sky", "ground", "blocked", "change", "mrt",
+const OWN_COLUMNS: [&str; 14] = [
+    "point", "x", "y", "z", "nx", "ny", "nz", "body", "place", "sky", "ground", "blocked", "change", "mrt",
 ];
 
 /// Groups of patches: the columns of tables. Those of one name are one.
@@ -141,7 +242,7 @@ impl Groups {
                 let names = scene.materials.iter().map(|material| &material.name);
                 made("material", names.collect(), |triangle| triangle.material)
             }
-            By::Patch => Self {
+            By::Patch | By::None => Self {
                 by,
                 names: Vec::new(),
                 of_patch: None,
@@ -228,7 +329,7 @@ pub(super) fn squared_difference(a: &SensorRow, b: &SensorRow) -> f64 {
     differences.values().map(|difference| difference * difference).sum()
 }
 
-/// A column of a picture.
+/// A column of a map or a picture.
 enum Column {
     Sky,
     Ground,
@@ -278,13 +379,25 @@ impl Column {
         }
     }
 
-    fn title(&self, groups: &Groups) -> String {
+    /// Its name and its unit in a file.
+    fn variable(&self) -> (&'static str, &'static str) {
         match self {
-            Self::Sky => "sky view factor".to_owned(),
-            Self::Ground => "view factor of what is below the horizon".to_owned(),
-            Self::Blocked => "share on backs of surfaces".to_owned(),
-            Self::Temperature => "mean radiant temperature, K".to_owned(),
-            Self::Group(group) => format!("view factor of {}", groups.name(*group)),
+            Self::Sky => ("sky_view_factor", "1"),
+            Self::Ground => ("ground_view_factor", "1"),
+            Self::Blocked => ("blocked_share", "1"),
+            Self::Temperature => ("mean_radiant_temperature", "K"),
+            Self::Group(_) => ("view_factor", "1"),
+        }
+    }
+
+    /// What it is, of sensors of a form.
+    fn title(&self, groups: &Groups, form: &str) -> String {
+        match self {
+            Self::Sky => format!("sky view factor ({form})"),
+            Self::Ground => format!("view factor of what is below the horizon ({form})"),
+            Self::Blocked => format!("share on backs of surfaces ({form})"),
+            Self::Temperature => format!("mean radiant temperature ({form})"),
+            Self::Group(group) => format!("view factor of {} ({form})", groups.name(*group)),
         }
     }
 }
@@ -333,6 +446,7 @@ impl Written<'_> {
             },
             Format::Json => self.json(path),
             Format::Npz => self.npz(path),
+            format @ (Format::Tiff | Format::NetCdf | Format::AsciiGrid) => self.map_file(format, path),
             Format::Picture => self.picture()?.save(path),
         }
     }
@@ -387,7 +501,7 @@ impl Written<'_> {
         let seen = self.seen(path)?;
         let mut header = "point,x,y,z".to_owned();
         header.push_str(if self.has_normals() { ",nx,ny,nz" } else { "" });
-        header.push_str(",place,sky,ground,blocked");
+        header.push_str(",body,place,sky,ground,blocked");
         header.push_str(if self.has_portals { ",passed,cut_off" } else { "" });
         header.push_str(if self.arguments.tolerance.is_some() {
             ",change"
@@ -411,8 +525,11 @@ impl Written<'_> {
             }
             let place = place_name(self.sensors.places[row.sensor]);
             line.push_str(&format!(
-                ",{place},{},{},{}",
-                row.row.sky, row.row.ground, row.row.blocked
+                ",{},{place},{},{},{}",
+                self.sensors.form(),
+                row.row.sky,
+                row.row.ground,
+                row.row.blocked
             ));
             if self.has_portals {
                 line.push_str(&format!(",{},{}", row.row.handed_on(), row.row.cut_off));
@@ -536,6 +653,55 @@ impl Written<'_> {
         Ok(write_rows(path, patches, &rows, &more)?)
     }
 
+    fn map_file(&self, format: Format, path: &Path) -> Result<()> {
+        let map = self.map()?;
+        let bytes = match format {
+            Format::Tiff => map.tiff(),
+            Format::NetCdf => map.netcdf(),
+            _ => map.ascii_grid(),
+        };
+        let cannot = || format!("`{}` cannot be written", path.display());
+        let mut file = PendingFile::create(path)?;
+        file.write_all(&bytes.with_context(cannot)?).with_context(cannot)?;
+        file.commit()
+    }
+
+    /// The column of `--show` as a map.
+    #[allow(clippy::cast_possible_truncation, reason = "maps have numbers of 32 bits")]
+    fn map(&self) -> Result<map::Map> {
+        let Some(raster) = &self.sensors.raster else {
+            bail!("a map is of a grid")
+        };
+        let column = Column::of(self.arguments, self.groups, self.has_heat())?;
+        let each = self.sensors.items[0].body.rows();
+        let band = |side: usize| Band {
+            side: if each == SIDES.len() { SIDES[side].0 } else { "" },
+            values: (0..raster.rows)
+                .rev()
+                .flat_map(|row| &raster.cells[row * raster.columns..(row + 1) * raster.columns])
+                .map(|point| point.map_or(NO_DATA, |point| column.value(&self.rows[point * each + side]) as f32))
+                .map(|value| if value.is_finite() { value } else { NO_DATA })
+                .collect(),
+        };
+        let (variable, units) = column.variable();
+        let named = self.prepared.scene.crs.as_deref();
+        Ok(map::Map {
+            columns: raster.columns,
+            rows: raster.rows,
+            corner: raster.corner,
+            step: raster.step,
+            bands: (0..each).map(band).collect(),
+            title: column.title(self.groups, self.sensors.form()),
+            variable,
+            units,
+            // A system of the scene that no map can have was told of.
+            crs: self
+                .arguments
+                .crs
+                .or_else(|| named.and_then(|name| Crs::of_scene(name).ok())),
+        })
+    }
+
     fn picture(&self) -> Result<Canvas> {
         let Some(raster) = &self.sensors.raster else {
             bail!("a picture is of a grid")
@@ -577,12 +743,11 @@ impl Written<'_> {
         }
         let wide = (canvas.width / 3).max(120);
         let labels = [figures(low), figures(high)];
-        canvas.scale(
-            (16, height + 12),
-            wide,
-            [&labels[0], &labels[1]],
-            &column.title(self.groups),
-        );
+        let title = match (column.title(self.groups, self.sensors.form()), column.variable().1) {
+            (title, "1") => title,
+            (title, unit) => format!("{title}, {unit}"),
+        };
+        canvas.scale((16, height + 12), wide, [&labels[0], &labels[1]], &title);
         let note = format!("a cell is {}", figures(raster.right.length()));
         let at = ((canvas.width - 16) as f64, (height + 40) as f64);
         canvas.write(&note, at, 13.0, Anchor::End);

@@ -60,6 +60,8 @@ pub(super) struct Sensors {
     lines: Vec<u64>,
     pub(super) raster: Option<Raster>,
     pub(super) horizon: Horizon,
+    /// A grid at a height above the ground: its planes look up.
+    is_level: bool,
 }
 
 impl Sensors {
@@ -67,9 +69,12 @@ impl Sensors {
         let threads = arguments.engine.thread_count();
         let (positions, normals, lines, mut raster) = match source {
             Source::Listed(listed) => (listed.positions, listed.normals, listed.lines, None),
-            Source::Grid(grid) => (grid.positions, grid.normals, Vec::new(), Some(grid.raster)),
+            Source::Grid(grid) => (grid.positions, Some(grid.normals), Vec::new(), Some(grid.raster)),
         };
-        let default = if normals.is_some() {
+        // A map of views is of what looks up; a radiant temperature is of a body in the open.
+        let is_level = arguments.height.is_some();
+        let has_heat = !arguments.solution.is_empty() || arguments.temperatures.is_some();
+        let default = if normals.is_some() && !(is_level && has_heat) {
             BodyName::Plane
         } else {
             BodyName::Sphere
@@ -91,8 +96,7 @@ impl Sensors {
             })
             .collect();
         // A grid above the ground has left out what is in solids.
-        let is_placed = arguments.height.is_some();
-        let mut places = if is_placed {
+        let mut places = if is_level {
             vec![Place::Open; looks.len()]
         } else {
             places_of(prepared, &looks, horizon, threads, body)
@@ -135,7 +139,20 @@ impl Sensors {
             lines,
             raster,
             horizon: *horizon,
+            is_level,
         })
+    }
+
+    /// The form of a sensor in words, by which its view factors are told from those of another form.
+    pub(super) fn form(&self) -> &'static str {
+        match self.body {
+            BodyName::Plane if self.is_level => "horizontal plane",
+            BodyName::Plane => "plane",
+            BodyName::Sphere => "sphere",
+            BodyName::Cube => "side of a cube",
+            BodyName::Person => "standing person",
+            BodyName::Cylinder => "upright cylinder",
+        }
     }
 
     /// Refuses points beyond a period.
