@@ -416,16 +416,19 @@ fn a_table_that_is_not_met_is_told() {
 /// high, all of the shadow has one temperature: 155.513 K for a reflectance of 0.3 and an emissivity of 0.95.
 #[test]
 fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
-    const RINGS: u32 = 14;
-    const SECTORS: u32 = 48;
+    const RINGS: u32 = 10;
+    const SECTORS: u32 = 36;
     let (depth, diameter) = (1.0, 5.0);
     let radius = (0.25 * diameter * diameter + depth * depth) / (2.0 * depth);
     let middle = DVec3::new(0.0, 0.0, radius - depth);
+    // A polygon in place of each circle, of its area: the temperature follows from the areas of opening and bowl.
+    let turn = 2.0 * PI / f64::from(SECTORS);
+    let widened = (turn / turn.sin()).sqrt();
     // Rings of one area: heights are evenly apart.
     let corner = |ring: u32, sector: u32| {
         let z = -depth + depth * f64::from(ring) / f64::from(RINGS);
-        let across = (radius * radius - (z - middle.z).powi(2)).max(0.0).sqrt();
-        let (sine, cosine) = (2.0 * PI * f64::from(sector % SECTORS) / f64::from(SECTORS)).sin_cos();
+        let across = widened * (radius * radius - (z - middle.z).powi(2)).max(0.0).sqrt();
+        let (sine, cosine) = (turn * f64::from(sector % SECTORS)).sin_cos();
         DVec3::new(across * cosine, across * sine, z)
     };
     let mut text = String::from("o bowl\n");
@@ -485,4 +488,106 @@ fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
         "Ingersoll's crater: {mean:.3} K in its shadow for 155.513, at most {off:.2} K off"
     ));
     assert!(area > 1.0 && (mean - 155.513).abs() < 0.05, "{mean} on {area} m²");
+}
+
+/// Tests 5.9 of CIE 171 under all of the standard skies: the room's points under an opening, against the integral of
+/// L cos θ over it. `points --suns` takes the sky's mean over what rays see of it.
+#[test]
+fn points_under_an_opening_see_the_sixteen_skies() {
+    use hemicube_weather::sky::{Cie, Model};
+    const SUN: [f64; 3] = [0.3, -0.4, 0.866];
+    let mut table = String::from("time,x,y,z,direct,diffuse,sky\n");
+    for number in 1..=16 {
+        writeln!(table, "cie{number},{},{},{},0,100,cie{number}", SUN[0], SUN[1], SUN[2]).expect("a string");
+    }
+    let (mut count, mut close, mut worst) = (0u32, 0u32, (0.0f64, String::new()));
+    for width in [1.0, 4.0] {
+        let place = cie_room(width, false);
+        place.write("skies.csv", &table);
+        place
+            .line(
+                "points scene.obj --points points.txt --as plane --up z --tolerance 0.1% --suns skies.csv -o felt.csv",
+            )
+            .is(0);
+        let felt = std::fs::read_to_string(place.path("felt.csv")).expect("a table");
+        let mut lines = felt.lines();
+        let head: Vec<&str> = lines.next().expect("a head").split(',').collect();
+        let column = head
+            .iter()
+            .position(|head| head.starts_with("diffuse"))
+            .expect("a column");
+        let found: Vec<f64> = lines
+            .map(|line| {
+                line.split(',')
+                    .nth(column)
+                    .and_then(|cell| cell.parse().ok())
+                    .expect("a number")
+            })
+            .collect();
+        let points = cie_points();
+        assert_eq!(found.len(), 16 * points.len());
+        for number in 1..=16u8 {
+            let model = Model::Cie(Cie::new(number).expect("a sky"));
+            let level = level_irradiance(&model, SUN);
+            for (at, (name, from, normal)) in points.iter().enumerate() {
+                let expected = 100.0 * through_opening(&model, SUN, *from, *normal, opening(width)) / level;
+                let value = found[usize::from(number - 1) * points.len() + at];
+                let what = format!("cie{number}, {width} m, {name}: {value:.3} for {expected:.3}");
+                let off = (value - expected).abs() / expected;
+                count += 1;
+                close += u32::from(off <= 0.01);
+                if off > worst.0 {
+                    worst = (off, what);
+                }
+            }
+        }
+    }
+    say(&format!(
+        "CIE 171, 5.9 under 16 skies: {close} of {count} values within 1 %, the worst {:.2} % off: {}",
+        100.0 * worst.0,
+        worst.1
+    ));
+    assert!(
+        f64::from(close) >= 0.95 * f64::from(count) && worst.0 < 0.03,
+        "{close} of {count}; {worst:?}"
+    );
+}
+
+/// ∫ L sin γ dω over the sky, by midpoints.
+fn level_irradiance(model: &hemicube_weather::sky::Model, sun: [f64; 3]) -> f64 {
+    const N: u32 = 240;
+    let mut sum = 0.0;
+    for ring in 0..N {
+        // Heights evenly apart have equal solid angles.
+        let z = (f64::from(ring) + 0.5) / f64::from(N);
+        let across = (1.0 - z * z).sqrt();
+        for sector in 0..2 * N {
+            let (sine, cosine) = (PI * (f64::from(sector) + 0.5) / f64::from(N)).sin_cos();
+            sum += z * model.relative([across * sine, across * cosine, z], Some(sun));
+        }
+    }
+    sum * 2.0 * PI / f64::from(2 * N * N)
+}
+
+/// ∫ L cos θ dω over a level opening, by midpoints of its area.
+fn through_opening(
+    model: &hemicube_weather::sky::Model,
+    sun: [f64; 3],
+    from: DVec3,
+    normal: DVec3,
+    [a, b, _, d]: [DVec3; 4],
+) -> f64 {
+    const N: u32 = 160;
+    let cell = (b - a).cross(d - a).length() / f64::from(N * N);
+    let mut sum = 0.0;
+    for row in 0..N {
+        for column in 0..N {
+            let [u, v] = [row, column].map(|at| (f64::from(at) + 0.5) / f64::from(N));
+            let to = a + (b - a) * u + (d - a) * v - from;
+            let direction = to.normalize();
+            let cosines = direction.dot(normal).max(0.0) * direction.z;
+            sum += model.relative(direction.to_array(), Some(sun)) * cosines / to.length_squared() * cell;
+        }
+    }
+    sum
 }

@@ -749,8 +749,11 @@ impl Task<'_> {
             let most = row.groups.iter().max_by(|a, b| a.1.total_cmp(&b.1));
             [
                 row.sensor.to_string(),
-                self.heat
-                    .map_or_else(|| "–".to_owned(), |_| format!("{:.2}", row.temperature)),
+                if row.temperature.is_nan() {
+                    "–".to_owned()
+                } else {
+                    format!("{:.2}", row.temperature)
+                },
                 format!("{:.4}", row.row.sky),
                 format!("{:.4}", row.row.ground),
                 most.map_or_else(String::new, |(group, factor)| {

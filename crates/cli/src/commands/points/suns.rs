@@ -16,6 +16,7 @@ use super::sensors::Sensors;
 use super::{Arguments, BodyName};
 use crate::args::Talk;
 use crate::exit::hinted;
+use crate::forecast;
 use crate::prepare::Prepared;
 use crate::report::{PendingFile, count, counted};
 use crate::suns::Suns;
@@ -28,15 +29,16 @@ use hemicube::reference::{RayEnd, Reference, ReferenceSettings};
 use hemicube::sky::SkyDivision;
 use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
+use hemicube_scene::Budget;
 use hemicube_weather::comfort::{CELSIUS_ZERO, Posture, absorbed, mean_radiant_temperature, projected_area, utci};
 use std::f64::consts::PI;
 use std::io::Write;
 use std::path::Path;
 use std::thread;
 
-/// How finely radiances of the sky are divided, and rays to it: 2,305 and 9,217 parts.
-const PARTS: u32 = 4;
-const PARTS_OF_RAYS: u32 = 8;
+/// How finely the sky is divided: 9,217 parts, a ray to each. A choice: with fewer, more of the sky that a small opening
+/// shows is missed (`light_and_heat::yardsticks`, the sixteen skies); with more, points take longer.
+const PARTS: u32 = 8;
 /// Moments in the table on the terminal.
 const SHOWN: usize = 24;
 /// Least wind that UTCI is defined for, m/s; calmer air counts as that (Bröde et al. 2012).
@@ -220,16 +222,18 @@ impl Hours {
         if self.suns.uneven().is_none() {
             return Ok(None);
         }
-        let divisions = SkyDivision::new(PARTS).zip(SkyDivision::new(PARTS_OF_RAYS));
-        let (division, fine) = divisions.context("a division of the sky")?;
+        let division = SkyDivision::new(PARTS).context("a division of the sky")?;
+        let numbers = self.suns.len() as u64 * u64::from(division.columns());
+        let what = format!("skies of {}", counted(self.suns.len() as u64, "moment"));
+        forecast::require(Budget::default(), 8 * numbers, &what, "take fewer moments at a time")?;
         let horizon = sensors.horizon;
         let radiances = (0..self.suns.len()).map(|at| self.suns.radiances(at, &division, horizon));
-        let rays = (1..fine.columns()).map(|column| {
-            let middle = fine.middle(column);
+        let rays = (1..division.columns()).map(|column| {
+            let middle = division.middle(column);
             SkyRay {
                 direction: horizon.east * middle.x + horizon.north * middle.y + horizon.up * middle.z,
-                solid_angle: fine.solid_angle(column),
-                column: division.column(middle) as usize,
+                solid_angle: division.solid_angle(column),
+                column: column as usize,
             }
         });
         Ok(Some(Skies {
