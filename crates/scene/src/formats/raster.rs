@@ -9,7 +9,7 @@
 //! - cells of one height: as few rectangles as a sweep from the north-west finds. Where neighbours' corners lie on
 //!   their sides they have corners, too: every edge is that of both faces beside it, watertight
 //! - objects and materials: `surface` and `wall`; with a second band of a TIFF, the height of the ground, `ground`,
-//!   `roof` and `wall`. A roof is [`ROOF`] above the ground or more
+//!   `roof` and `wall`. A roof is `ROOF` above the ground or more
 //! - values without a number, and the file's own value for none: no surface
 //! - the coordinate reference system: its EPSG code; one in degrees is refused
 //!
