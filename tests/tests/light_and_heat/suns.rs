@@ -161,7 +161,8 @@ fn tables_that_do_not_fit_are_refused_with_the_next_step() {
 #[test]
 fn suns_and_sky_light_and_heat_patches_with_reflections() {
     let place = Place::new();
-    place.write("shaded.obj", shaded());
+    place.write("shaded.obj", format!("mtllib shaded.mtl\n{}", shaded()));
+    place.write("shaded.mtl", "newmtl m\nKd 0.5 0.4 0.3\n");
     place.write(
         "suns.csv",
         "time,x,y,z,direct,diffuse\nnoon,0,0,1,800,0\nslanted,1,0,1,800,0\nnight,0,0,-1,0,0\ncloud,0,0,1,0,100\n",
@@ -186,6 +187,10 @@ fn suns_and_sky_light_and_heat_patches_with_reflections() {
             .unwrap_or_else(|| panic!("{moment} {name}: {text}"));
         row[column(what)].parse().expect("a number")
     };
+    // A scene that lies elsewhere says where shadows fall, and nothing of bands.
+    place
+        .line("solve f --materials m.toml --suns suns.csv --scene shaded.obj")
+        .is(0);
     // 15 of 16 m² lie in the sun; the plate's dark side gets light from the floor, and gives half of it back.
     let direct = 800.0 * 15.0 / 16.0;
     let floor = value("noon", "floor", "irradiance");
@@ -331,6 +336,7 @@ fn a_weather_file_lights_lawn_and_wall_by_its_sun_and_sky() {
 #[test]
 fn hours_of_clear_days_are_those_of_a_place() {
     let place = Place::new();
+    place.write("no.epw", "time,x,y,z\n");
     let made = place
         .line("suns --location 52.52,13.405,34 --times 2026-06-21T12:00+02:00/2026-06-21T14:00+02:00/1h")
         .is(0);
@@ -356,6 +362,7 @@ fn hours_of_clear_days_are_those_of_a_place() {
         ("suns --location 52,13 --times 2026-06-21T12:00", "has no UTC offset"),
         ("suns --times 2026-06-21T12:00Z", "required"),
         ("suns none.epw", "none.epw` cannot be read"),
+        ("suns no.epw", "no.epw:1: a line that begins with `LOCATION`"),
     ] {
         place.line(line).is(2).says(&[words]);
     }

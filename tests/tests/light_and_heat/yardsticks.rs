@@ -416,8 +416,8 @@ fn a_table_that_is_not_met_is_told() {
 /// high, all of the shadow has one temperature: 155.513 K for a reflectance of 0.3 and an emissivity of 0.95.
 #[test]
 fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
-    const RINGS: u32 = 10;
-    const SECTORS: u32 = 36;
+    const RINGS: u32 = 14;
+    const SECTORS: u32 = 48;
     let (depth, diameter) = (1.0, 5.0);
     let radius = (0.25 * diameter * diameter + depth * depth) / (2.0 * depth);
     let middle = DVec3::new(0.0, 0.0, radius - depth);
@@ -487,7 +487,11 @@ fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
     say(&format!(
         "Ingersoll's crater: {mean:.3} K in its shadow for 155.513, at most {off:.2} K off"
     ));
-    assert!(area > 1.0 && (mean - 155.513).abs() < 0.05, "{mean} on {area} m²");
+    // A patch that the sun touches would be warmer by more than that.
+    assert!(
+        area > 1.0 && (mean - 155.513).abs() < 0.05 && off < 5.0,
+        "{mean} on {area} m², {off}"
+    );
 }
 
 /// Tests 5.9 of CIE 171 under all of the standard skies: the room's points under an opening, against the integral of

@@ -724,6 +724,12 @@ impl Task<'_> {
                     ),
                 );
             }
+            None if self.hours.is_some() => {
+                list.add(
+                    "error",
+                    "not measured; `--verify 20` without `--suns` compares 20 points with rays",
+                );
+            }
             None => list.add("error", "not measured; `--verify 20` compares 20 points with rays"),
         }
         let mut text = list.text();

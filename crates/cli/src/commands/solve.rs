@@ -86,8 +86,8 @@ const EXAMPLES: &str = "  \
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) matrix: StoredMatrix,
-    /// Take reflectance and emission from this scene: glTF, MTL or AC3D [default without `--materials`: the matrix's
-    /// own scene, where it is found]
+    /// Take reflectance and emission from this scene: glTF, MTL or AC3D; with `--suns` and `--materials` its geometry
+    /// alone [default without `--materials`: the matrix's own scene, where it is found]
     #[arg(long, value_name = "SCENE", help_heading = "Materials")]
     pub(crate) scene: Option<PathBuf>,
     /// Lift the safety limits on the size of a scene (docs/security.md)
@@ -504,6 +504,12 @@ impl Arguments {
         self.scene.clone().or_else(found)
     }
 
+    /// Likewise for its properties: with suns and a file of properties, the scene says where shadows fall, and no more.
+    fn scene_of_properties(&self, store: &Store) -> Option<PathBuf> {
+        let is_geometry = self.suns.is_some() && self.materials.is_some();
+        self.scene(store).filter(|_| !is_geometry)
+    }
+
     /// What of the matrix stands for a pair.
     fn reading(&self) -> Reading {
         if self.as_stored {
@@ -730,7 +736,7 @@ impl<'a> Task<'a> {
         let properties = materials::read(
             store.manifest(),
             table,
-            arguments.scene(store).as_deref(),
+            arguments.scene_of_properties(store).as_deref(),
             arguments.materials.as_deref(),
             arguments.allow_large,
             talk,

@@ -11,7 +11,7 @@ use clap::Args;
 use hemicube::frame::Horizon;
 use hemicube_scene::Axis;
 use hemicube_weather::clear;
-use hemicube_weather::epw::{Epw, Hour};
+use hemicube_weather::epw::{self, Epw, Hour};
 use hemicube_weather::sky::extraterrestrial_normal;
 use hemicube_weather::sun::{Place, Sun, Time, position, times};
 use std::fmt::Write as _;
@@ -179,7 +179,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
 /// The hours of a weather file, all or of some days.
 fn of_weather(path: &Path, days: &[String], talk: Talk) -> Result<Vec<Line>> {
     let days: Vec<Days> = days.iter().map(|text| text.parse()).collect::<Result<_>>()?;
-    let epw = Epw::read(path)?;
+    let epw = Epw::read(path).map_err(|error| match error {
+        epw::Error::Line { line, problem } => anyhow!("{}:{line}: {problem}", path.display()),
+        epw::Error::TooLarge => anyhow!("`{}`: {error}", path.display()),
+        error => anyhow::Error::new(error),
+    })?;
     let (mut lines, mut lost) = (Vec::new(), (0u64, 0.0));
     let mut unknown = 0u64;
     for hour in &epw.hours {

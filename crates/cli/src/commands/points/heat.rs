@@ -111,17 +111,11 @@ impl Heat {
                 "`--suns FILE` takes the moments that the solution was made for",
             ));
         }
-        Self::new(arguments, solution, prepared, (0, None))
+        Self::new(arguments, solution, prepared, 0)
     }
 
-    /// Of a right-hand side of a solution of heat, under a sky of this temperature, in kelvin, unless `--sky-temperature`
-    /// is given; where patches are several triangles, each has its patch's radiosity.
-    pub(super) fn new(
-        arguments: &Arguments,
-        solution: &StoredSolution,
-        prepared: &Prepared,
-        (row, of_sky): (u64, Option<f64>),
-    ) -> Result<Self> {
+    /// Of a right-hand side of a solution of heat; where patches are several triangles, each has its patch's radiosity.
+    pub(super) fn new(arguments: &Arguments, solution: &StoredSolution, prepared: &Prepared, row: u64) -> Result<Self> {
         let heat = &solution.report()["surfaces"]["heat"];
         let ambient = heat["ambient"].as_f64();
         let of = |given: Option<f64>, what: &str| {
@@ -129,7 +123,7 @@ impl Heat {
                 format!("the solution does not say what lay outside; `--{what}-temperature KELVIN` does")
             })
         };
-        let sky = of(arguments.sky_temperature.or(of_sky), "sky")?;
+        let sky = of(arguments.sky_temperature, "sky")?;
         let known = arguments.ground_temperature.or_else(|| heat["ground"].as_f64());
         let ground = of(known, "ground")?;
         let radiosity = solution.quantity("radiosity")?.row(row)?;
@@ -237,6 +231,12 @@ impl Heat {
     /// The mean radiant temperature of a row in kelvin.
     pub(super) fn temperature(&self, row: &SensorRow) -> f64 {
         self.temperature_with(row, self.outside)
+    }
+
+    /// Likewise under a sky of this temperature, in kelvin, where one is given.
+    pub(super) fn temperature_under(&self, row: &SensorRow, sky: Option<f64>) -> f64 {
+        let [of_solution, ground] = self.outside;
+        self.temperature_with(row, [sky.unwrap_or(of_solution), ground])
     }
 
     /// By how many kelvins that of a row changes if what is below the horizon is as warm as the scene's surfaces; 0

@@ -29,7 +29,6 @@ use hemicube::reference::{RayEnd, Reference, ReferenceSettings};
 use hemicube::sky::SkyDivision;
 use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution};
 use hemicube::store::Store;
-use hemicube_scene::Budget;
 use hemicube_weather::comfort::{CELSIUS_ZERO, Posture, absorbed, mean_radiant_temperature, projected_area, utci};
 use std::f64::consts::PI;
 use std::io::Write;
@@ -39,6 +38,8 @@ use std::thread;
 /// How finely the sky is divided: 9,217 parts, a ray to each. A choice: with fewer, more of the sky that a small opening
 /// shows is missed (`light_and_heat::yardsticks`, the sixteen skies); with more, points take longer.
 const PARTS: u32 = 8;
+/// What takes less memory.
+const FEWER: &str = "take fewer moments or points at a time";
 /// Moments in the table on the terminal.
 const SHOWN: usize = 24;
 /// Least wind that UTCI is defined for, m/s; calmer air counts as that (Bröde et al. 2012).
@@ -51,6 +52,8 @@ pub(super) struct Hours {
     light: Vec<Vec<f64>>,
     /// Of heat: one a moment, one for all, or none.
     heats: Vec<Heat>,
+    /// True if `--sky-temperature` takes the place of the table's.
+    is_sky_given: bool,
 }
 
 /// What a row brings at a moment without its shadows.
@@ -116,17 +119,13 @@ impl Hours {
                     ),
                 ));
             }
+            // The radiosities of each right-hand side, by triangle.
+            let bytes = 8 * radiosity.rows() * prepared.patches.len() as u64;
+            let what = format!("a solution of {what}, {}", counted(rows as u64, "right-hand side"));
+            forecast::require(prepared.budget, bytes, &what, FEWER)?;
             if is_of_heat {
-                for (moment, row) in (0..rows).zip(0..) {
-                    let sky = suns.moments[moment].sky_temperature.filter(|_| rows == suns.len());
-                    heats.push(Heat::new(arguments, solution, prepared, (row, sky))?);
-                }
-                // One solution, and many skies.
-                if rows == 1 && suns.len() > 1 && suns.moments.iter().all(|moment| moment.sky_temperature.is_some()) {
-                    heats.clear();
-                    for moment in &suns.moments {
-                        heats.push(Heat::new(arguments, solution, prepared, (0, moment.sky_temperature))?);
-                    }
+                for row in 0..radiosity.rows() {
+                    heats.push(Heat::new(arguments, solution, prepared, row)?);
                 }
             } else {
                 let read = |row: usize| {
@@ -142,7 +141,13 @@ impl Hours {
         if !heats.is_empty() && matches!(body, BodyName::Plane | BodyName::Cube) {
             bail!("a mean radiant temperature with the sun is of `--as person`, `sphere` or `cylinder`");
         }
-        Ok(Self { suns, light, heats })
+        let is_sky_given = arguments.sky_temperature.is_some();
+        Ok(Self {
+            suns,
+            light,
+            heats,
+            is_sky_given,
+        })
     }
 
     /// Refuses what rays to sun and sky do not go through.
@@ -172,7 +177,10 @@ impl Hours {
                 let of_patch = |&(patch, factor): &(hemicube::InputPatch, f64)| factor * radiosity[patch.0 as usize];
                 row.patches.iter().map(of_patch).sum()
             }),
-            longwave: heat(moment).map_or(f64::NAN, |heat| heat.temperature(row)),
+            longwave: heat(moment).map_or(f64::NAN, |heat| {
+                let sky = self.suns.moments[moment].sky_temperature.filter(|_| !self.is_sky_given);
+                heat.temperature_under(row, sky)
+            }),
         };
         (0..self.suns.len()).map(of).collect()
     }
@@ -189,8 +197,11 @@ impl Hours {
         rows: &[(f64, &[Brought])],
         threads: usize,
     ) -> Result<Vec<Felt>> {
+        let results = rows.len() as u64 * self.suns.len() as u64;
+        let what = format!("results of {} points and moments", count(results));
+        forecast::require(prepared.budget, results * size_of::<Felt>() as u64, &what, FEWER)?;
         let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
-        let skies = self.skies(sensors)?;
+        let skies = self.skies(prepared, sensors)?;
         let each = sensors.items.first().map_or(1, |sensor| sensor.body.rows());
         let share = sensors.items.len().div_ceil(threads.max(1)).max(1);
         let found: Vec<Vec<Felt>> = thread::scope(|scope| {
@@ -218,14 +229,14 @@ impl Hours {
         Ok(found.into_iter().flatten().collect())
     }
 
-    fn skies(&self, sensors: &Sensors) -> Result<Option<Skies>> {
+    fn skies(&self, prepared: &Prepared, sensors: &Sensors) -> Result<Option<Skies>> {
         if self.suns.uneven().is_none() {
             return Ok(None);
         }
         let division = SkyDivision::new(PARTS).context("a division of the sky")?;
         let numbers = self.suns.len() as u64 * u64::from(division.columns());
         let what = format!("skies of {}", counted(self.suns.len() as u64, "moment"));
-        forecast::require(Budget::default(), 8 * numbers, &what, "take fewer moments at a time")?;
+        forecast::require(prepared.budget, 8 * numbers, &what, FEWER)?;
         let horizon = sensors.horizon;
         let radiances = (0..self.suns.len()).map(|at| self.suns.radiances(at, &division, horizon));
         let rays = (1..division.columns()).map(|column| {

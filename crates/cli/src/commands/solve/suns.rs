@@ -21,6 +21,18 @@ use hemicube_scene::{Axis, Budget, InputPatch};
 /// Moments whose skies are multiplied with the sky rows at a time.
 const SKIES_AT_ONCE: usize = 64;
 
+/// What takes less memory.
+const FEWER: &str = "solve for fewer suns at a time";
+
+/// What memory is asked for.
+fn what_of(patches: usize, suns: &Suns) -> String {
+    format!(
+        "sunlight of {} on {}",
+        counted(suns.len() as u64, "moment"),
+        counted(patches as u64, "patch")
+    )
+}
+
 /// What each patch gets of the skies: a row a patch, a column a moment, in W/m².
 ///
 /// An even sky needs each patch's share of it alone; another needs the sky rows of the matrix.
@@ -34,6 +46,9 @@ pub(super) fn skylight(
     suns: &Suns,
     talk: Talk,
 ) -> Result<Block> {
+    // What arrives, and what is absorbed of it.
+    let numbers = 16 * rows.escaped.len() as u64 * suns.len() as u64;
+    forecast::require(Budget::default(), numbers, &what_of(rows.escaped.len(), suns), FEWER)?;
     let Some(model) = suns.uneven() else {
         let above = share_of_sky(arguments, store, rows, suns, talk)?;
         return Ok(Block::from_fn(above.len(), suns.len(), |patch, at| {
@@ -137,19 +152,9 @@ impl<'a> Lit<'a> {
     /// When there is not the memory for it, or the scene is too large.
     pub(super) fn add(&self, suns: &Suns, arriving: &mut Block) -> Result<()> {
         let shining: Vec<usize> = (0..suns.len()).filter(|&at| suns.moments[at].direct > 0.0).collect();
-        let (patches, elements) = (arriving.patches(), self.prepared.patches.len());
-        let what = format!(
-            "sunlight of {} on {}",
-            counted(suns.len() as u64, "moment"),
-            counted(patches as u64, "patch")
-        );
-        let numbers = 4 * elements * shining.len() + 16 * patches * suns.len();
-        forecast::require(
-            Budget::default(),
-            numbers as u64,
-            &what,
-            "solve for fewer suns at a time",
-        )?;
+        let elements = self.prepared.patches.len();
+        let numbers = 4 * elements as u64 * shining.len() as u64;
+        forecast::require(Budget::default(), numbers, &what_of(elements, suns), FEWER)?;
         let directions: Vec<DVec3> = shining.iter().map(|&at| suns.moments[at].direction).collect();
         let shares = self.of(&directions)?;
         for (sun, &at) in shining.iter().enumerate() {
