@@ -17,6 +17,7 @@
 mod bins;
 mod files;
 mod grouped;
+mod shadow;
 mod sun;
 mod through;
 

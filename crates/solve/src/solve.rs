@@ -79,6 +79,8 @@ pub use properties::{
 
 use hemicube_store::{Error as StoreError, RowTable};
 use serde::Serialize;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
 
 /// Stefan–Boltzmann constant, W m⁻² K⁻⁴ (exact since 2019: CODATA).
 pub const STEFAN_BOLTZMANN: f64 = 5.670_374_419e-8;
@@ -534,7 +536,13 @@ fn source(problem: &Problem, nodes: &[Node]) -> Block {
     source
 }
 
+/// Right-hand sides solved together where the matrix stays in memory: their vectors then stay in a processor's cache.
+const TOGETHER: usize = 32;
+
 /// [`solve`], with patches coupled by nodes.
+///
+/// Many right-hand sides of a matrix that stays in memory are solved in groups, by several threads, and those of 0 not
+/// at all. Groups do not depend on the threads.
 fn solve_coupled(
     factors: &dyn Factors,
     problem: &Problem,
@@ -542,7 +550,123 @@ fn solve_coupled(
     options: SolveOptions,
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<Solution, SolveError> {
-    problem.check(factors.patch_count())?;
+    let patches = factors.patch_count();
+    problem.check(patches)?;
+    let columns = problem.emission.columns();
+    if columns <= TOGETHER || !factors.is_in_memory() {
+        return solve_together(factors, problem, coupling, options, progress);
+    }
+    let source = source(problem, coupling.nodes);
+    let is_dark = |&column: &usize| {
+        let outside = problem.outside.as_ref().map_or(0.0, |outside| outside.largest(column));
+        source.largest(column) == 0.0 && outside == 0.0
+    };
+    let lit: Vec<usize> = (0..columns).filter(|column| !is_dark(column)).collect();
+    let groups: Vec<&[usize]> = lit.chunks(TOGETHER).collect();
+    let of_group = |group: &[usize]| {
+        let some = |block: &Block| Block::from_fn(patches, group.len(), |patch, at| block.of(patch)[group[at]]);
+        Problem {
+            reflectance: problem.reflectance.clone(),
+            bands: group.iter().map(|&column| problem.bands[column]).collect(),
+            emission: some(&problem.emission),
+            outside: problem.outside.as_ref().map(some),
+            returned: problem.returned.clone(),
+        }
+    };
+    let mut whole = Solution {
+        radiosity: Block::zeros(patches, columns),
+        irradiance: Block::zeros(patches, columns),
+        residuals: vec![0.0; columns],
+        iterations: 0,
+        converged: true,
+    };
+    let mut failed: Option<(usize, SolveError)> = None;
+    let (next, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let single = SolveOptions { threads: 1, ..options };
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel(64);
+        for _ in 0..options.threads().clamp(1, groups.len().max(1)) {
+            let sender = sender.clone();
+            let (groups, next, is_over, of_group) = (&groups, &next, &is_over, &of_group);
+            scope.spawn(move || {
+                while let Some(group) = groups.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let mut tell = |step: Step| {
+                        let told = sender.send(Told::Step(step));
+                        told.is_ok() && !is_over.load(Ordering::Relaxed)
+                    };
+                    let found = solve_together(factors, &of_group(group), coupling, single, &mut tell);
+                    let has_failed = found.is_err();
+                    let told = sender.send(Told::Group(group[0], found));
+                    if has_failed || told.is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        for told in receiver {
+            match told {
+                Told::Step(step) => {
+                    if !is_over.load(Ordering::Relaxed) && !progress(step) {
+                        is_over.store(true, Ordering::Relaxed);
+                    }
+                }
+                Told::Group(first, Ok(found)) => {
+                    let group = groups.iter().find(|group| group[0] == first);
+                    whole.take(group.copied().unwrap_or_default(), &found);
+                }
+                // The first group's error, whichever thread was faster; after one, others are told to stop.
+                Told::Group(first, Err(error)) => {
+                    is_over.store(true, Ordering::Relaxed);
+                    let is_interruption = |error: &SolveError| matches!(error, SolveError::Interrupted);
+                    let is_before = failed.as_ref().is_none_or(|(other, of_other)| {
+                        is_interruption(of_other) || !is_interruption(&error) && first < *other
+                    });
+                    if is_before {
+                        failed = Some((first, error));
+                    }
+                }
+            }
+        }
+    });
+    failed.map_or(Ok(whole), |(_, error)| Err(error))
+}
+
+/// What a thread tells of its group of right-hand sides, by the first of them.
+enum Told {
+    Step(Step),
+    Group(usize, Result<Solution, SolveError>),
+}
+
+impl Solution {
+    /// Takes the columns of a group.
+    fn take(&mut self, group: &[usize], found: &Self) {
+        for (mine, theirs) in [
+            (&mut self.radiosity, &found.radiosity),
+            (&mut self.irradiance, &found.irradiance),
+        ] {
+            for patch in 0..theirs.patches() {
+                for (&column, value) in group.iter().zip(theirs.of(patch)) {
+                    mine.of_mut(patch)[column] = *value;
+                }
+            }
+        }
+        for (&column, residual) in group.iter().zip(&found.residuals) {
+            self.residuals[column] = *residual;
+        }
+        self.iterations = self.iterations.max(found.iterations);
+        self.converged &= found.converged;
+    }
+}
+
+/// [`solve_coupled`], of all right-hand sides together.
+fn solve_together(
+    factors: &dyn Factors,
+    problem: &Problem,
+    coupling: Coupling<'_>,
+    options: SolveOptions,
+    progress: &mut dyn FnMut(Step) -> bool,
+) -> Result<Solution, SolveError> {
     let nodes = coupling.nodes;
     let source_of = |problem: &Problem| source(problem, nodes);
     let source = source_of(problem);

@@ -1,4 +1,5 @@
-//! Sunlight on patches: means over points of a patch, as many as an error asks for.
+//! Sunlight on patches: exactly, by cuts ([`super::shadow`]), and where these take too many pieces, or mirrors and panes
+//! bring light, means over points of a patch, as many as an error asks for.
 //!
 //! n² points fill a patch evenly, as if each had a triangle of its own. First n² ≥ 1 / error: a shadow that covers one of
 //! these is found. Where the points differ, the patch is partly lit, and a shadow's edge crosses about n triangles; each
@@ -9,6 +10,7 @@
 //! it, as along the edges of a wall.
 
 use super::Horizon;
+use super::shadow::{Cutter, Facet, View};
 use crate::Model;
 use crate::points::threads_of;
 use crate::reference::{Reference, ReferenceError, ReferenceSettings};
@@ -19,6 +21,9 @@ use hemicube_spatial::whole;
 
 /// Error of the share of a patch that a sun lights, unless another is asked for: that of a matrix by default.
 pub const SUN_ERROR: f64 = 0.02;
+/// Suns whose views are held at a time, and surfaces in all of these. Choices: a few tens of megabytes.
+const VIEWS: usize = 64;
+const IN_VIEWS: usize = 1 << 20;
 /// Points of a patch at most. A choice: a smaller error costs no more.
 const MOST: f64 = 65_536.0;
 
@@ -52,8 +57,9 @@ pub(super) fn mean_over(corners: [DVec3; 3], error: f64, mut value: impl FnMut(D
     sum / count
 }
 
-/// The share of each patch lit by each sun, directly, within `error` (three standard errors): a row a patch, a number a
-/// sun. 0 for patches turned away, and for suns below the horizon. Directions are towards the suns.
+/// The share of each patch lit by each sun, directly: a row a patch, a number a sun. 0 for patches turned away, and for
+/// suns below the horizon. Directions are towards the suns. Shares are exact but for rounding; a shadow of very many
+/// pieces is found by rays, within `error` (three standard errors).
 ///
 /// # Errors
 /// When the scene has no such patch, or is too large.
@@ -70,48 +76,86 @@ pub fn sunlit(
         return Ok(lit);
     }
     let reference = Reference::new(model, ReferenceSettings::default())?;
-    let share = patches.len().div_ceil(threads_of(threads)).max(1);
-    std::thread::scope(|scope| {
-        let mut workers = Vec::new();
-        for (patches, lit) in patches.chunks(share).zip(lit.chunks_mut(share * suns.len())) {
-            let reference = &reference;
-            workers.push(scope.spawn(move || -> Result<(), ReferenceError> {
-                for (&patch, lit) in patches.iter().zip(lit.chunks_exact_mut(suns.len())) {
-                    let normal = model.patches().normal(patch);
-                    let corners = model.patches().corners(patch);
-                    for (lit, &sun) in lit.iter_mut().zip(suns) {
-                        if normal.dot(sun) <= 0.0 || horizon.is_below(sun) {
-                            continue;
-                        }
-                        let mut failed = None;
-                        let mean = mean_over(corners, error, |point| {
-                            match reference.is_open(Some(patch), point, normal, sun) {
-                                Ok(is_open) => f64::from(u8::from(is_open)),
-                                Err(error) => {
-                                    failed = Some(error);
-                                    0.0
-                                }
+    let threads = threads_of(threads);
+    let at_once = (IN_VIEWS / View::surfaces(model).max(1)).clamp(1, VIEWS);
+    for (block, directions) in suns.chunks(at_once).enumerate() {
+        let views = views(model, directions, threads);
+        let share = patches.len().div_ceil(threads).max(1);
+        std::thread::scope(|scope| {
+            let mut workers = Vec::new();
+            for (patches, lit) in patches.chunks(share).zip(lit.chunks_mut(share * suns.len())) {
+                let (reference, views) = (&reference, &views);
+                workers.push(scope.spawn(move || -> Result<(), ReferenceError> {
+                    let mut cutter = Cutter::new(model);
+                    for (&patch, lit) in patches.iter().zip(lit.chunks_exact_mut(suns.len())) {
+                        let normal = model.patches().normal(patch);
+                        let facet = Facet::new(model, patch);
+                        let lit = lit.iter_mut().skip(block * at_once);
+                        for ((lit, &sun), view) in lit.zip(directions).zip(views) {
+                            if normal.dot(sun) <= 0.0 || horizon.is_below(sun) {
+                                continue;
                             }
-                        });
-                        if let Some(error) = failed {
-                            return Err(error);
+                            let whole = facet.as_ref().zip(view.as_ref());
+                            let exact = whole.and_then(|(facet, view)| cutter.lit(model, view, facet));
+                            let mean = match exact {
+                                Some(exact) => exact,
+                                None => by_points(model, reference, patch, sun, error)?,
+                            };
+                            #[allow(clippy::cast_possible_truncation, reason = "a share")]
+                            let mean = mean as f32;
+                            *lit = mean;
                         }
-                        #[allow(clippy::cast_possible_truncation, reason = "a share")]
-                        let mean = mean as f32;
-                        *lit = mean;
                     }
-                }
-                Ok(())
-            }));
-        }
-        for worker in workers {
+                    Ok(())
+                }));
+            }
+            for worker in workers {
+                worker
+                    .join()
+                    .unwrap_or_else(|payload| std::panic::resume_unwind(payload))?;
+            }
+            Ok(())
+        })?;
+    }
+    Ok(lit)
+}
+
+/// The views of suns, by several threads.
+fn views(model: &Model, suns: &[DVec3], threads: usize) -> Vec<Option<View>> {
+    let share = suns.len().div_ceil(threads).max(1);
+    std::thread::scope(|scope| {
+        let of = |suns: &'_ [DVec3]| suns.iter().map(|&sun| View::new(model, sun)).collect::<Vec<_>>();
+        let workers: Vec<_> = suns.chunks(share).map(|suns| scope.spawn(move || of(suns))).collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Vec<Option<View>>>| {
             worker
                 .join()
-                .unwrap_or_else(|payload| std::panic::resume_unwind(payload))?;
+                .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
+        };
+        workers.into_iter().flat_map(join).collect()
+    })
+}
+
+/// The share of a patch that a sun lights, by rays from points of it.
+fn by_points(
+    model: &Model,
+    reference: &Reference<'_>,
+    patch: InputPatch,
+    sun: DVec3,
+    error: f64,
+) -> Result<f64, ReferenceError> {
+    let patches = model.patches();
+    let normal = patches.normal(patch);
+    let mut failed = None;
+    let mean = mean_over(patches.corners(patch), error, |point| {
+        match reference.is_open(Some(patch), point, normal, sun) {
+            Ok(is_open) => f64::from(u8::from(is_open)),
+            Err(error) => {
+                failed = Some(error);
+                0.0
+            }
         }
-        Ok(())
-    })?;
-    Ok(lit)
+    });
+    failed.map_or(Ok(mean), Err)
 }
 
 #[cfg(test)]
@@ -138,6 +182,54 @@ mod tests {
             }
             let rms = (squares / count).sqrt();
             assert!(rms < error / 3.0 && worst < error, "{error}: {rms} {worst}");
+        }
+    }
+
+    /// A city and a heap of triangles under suns of all heights: what is cut out is what rays find.
+    #[test]
+    fn cuts_leave_what_rays_find_lit() {
+        use crate::HierarchyOptions;
+        use hemicube_scene::generate::{Generate, Kind, generate};
+        use hemicube_scene::{Patches, Subdivision};
+        for kind in [Kind::City, Kind::Soup] {
+            let spec = Generate {
+                kind,
+                target_patches: 300,
+                seed: 1,
+            };
+            let scene = generate(spec).expect("a scene");
+            let patches = Patches::new(&scene, Subdivision::None).expect("patches");
+            let model = Model::new(patches.into(), HierarchyOptions::default()).expect("a model");
+            let all: Vec<InputPatch> = model.patches().iter().collect();
+            let suns: Vec<DVec3> = (0..9)
+                .map(|turn| {
+                    let (sine, cosine) = (f64::from(turn) * 0.7 + 0.1).sin_cos();
+                    DVec3::new(cosine, 0.05 + 0.15 * f64::from(turn), sine).normalize()
+                })
+                .collect();
+            let horizon = Horizon::new(hemicube_scene::Axis::Y, 0.0).without_ground();
+            let found = sunlit(&model, &all, &suns, horizon, 0.02, 1).expect("shares");
+            let again = sunlit(&model, &all, &suns, horizon, 0.02, 3).expect("shares");
+            assert_eq!(found, again);
+            let reference = Reference::new(&model, ReferenceSettings::default()).expect("rays");
+            let (mut partly, mut squares, mut worst) = (0.0, 0.0, 0.0f64);
+            for (place, &patch) in all.iter().enumerate().step_by(3) {
+                for (sun, &direction) in suns.iter().enumerate() {
+                    if model.patches().normal(patch).dot(direction) <= 0.0 {
+                        continue;
+                    }
+                    let exact = f64::from(found[place * suns.len() + sun]);
+                    let rays = by_points(&model, &reference, patch, direction, 0.01).expect("a mean");
+                    worst = worst.max((exact - rays).abs());
+                    if exact > 0.0 && exact < 1.0 {
+                        (partly, squares) = (partly + 1.0, squares + (exact - rays).powi(2));
+                    }
+                }
+            }
+            assert!(partly > 50.0, "{partly}");
+            let rms: f64 = (squares / partly).sqrt();
+            // A shadow smaller than the distance of the first points is not found by these.
+            assert!(rms < 0.01 / 3.0 && worst < 0.02, "{rms} {worst}");
         }
     }
 

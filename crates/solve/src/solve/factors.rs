@@ -26,6 +26,11 @@ pub trait Factors: Sync {
     fn weights(&self) -> Option<&Weights> {
         None
     }
+
+    /// True if runs are read once and then stay in memory: going through them again costs no reading.
+    fn is_in_memory(&self) -> bool {
+        false
+    }
 }
 
 /// A matrix in memory: for small scenes, and for embedders.
@@ -73,6 +78,10 @@ impl Factors for InMemory {
 
     fn run(&self, index: usize) -> Result<Arc<Part>> {
         Ok(Arc::clone(&self.parts[index]))
+    }
+
+    fn is_in_memory(&self) -> bool {
+        true
     }
 }
 
@@ -143,6 +152,12 @@ impl Factors for OutOfCore<'_> {
 
     fn run_count(&self) -> usize {
         self.store.manifest().parts.len()
+    }
+
+    fn is_in_memory(&self) -> bool {
+        let manifest = self.store.manifest();
+        // As parts are counted below, at their largest.
+        manifest.entries.saturating_mul(12) + 64 * u64::from(self.store.patch_count()) <= self.budget
     }
 
     fn run(&self, index: usize) -> Result<Arc<Part>> {

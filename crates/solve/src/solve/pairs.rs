@@ -110,6 +110,10 @@ impl Factors for Pairs<'_> {
     fn weights(&self) -> Option<&Weights> {
         Some(&self.weights)
     }
+
+    fn is_in_memory(&self) -> bool {
+        self.factors.is_in_memory()
+    }
 }
 
 impl<'f> Pairs<'f> {
