@@ -46,6 +46,7 @@ const BEGINNING: &str = "\
 # heat = 100              # net heat of the whole surface, W
 # adiabatic = true        # no net flux on any patch
 # isothermal = true       # one unknown temperature; with flux or heat, otherwise with none in all
+# body = \"radiator\"       # likewise, of all surfaces of this body together
 ";
 
 /// Reads the properties of a matrix's patches from `scene` and from the TOML file `path`.
@@ -166,6 +167,9 @@ fn table_of(table: &PrintedTable, text: &mut String) {
             let _ = writeln!(text, "{key} = {value}");
         }
     }
+    if let Some(body) = &entry.body {
+        let _ = writeln!(text, "body = {}", quoted(body));
+    }
 }
 
 /// A string of TOML.
@@ -202,7 +206,7 @@ mod tests {
             material: &[0, 0, 1, 1],
         };
         let given = "[default]\nreflectance = 0.5\ntemperature = 3\n[material.\"m*\"]\nemissivity = 0.25\n\
-                     [object.\"c*\"]\nheat = 5\nisothermal = true\n[object.\"\"]\nemission = [1, 2, 3.5]\n";
+                     [object.\"c*\"]\nheat = 5\nisothermal = true\nbody = \"a b\"\n[object.\"\"]\nemission = [1, 2, 3.5]\n";
         let made = |text: &str| {
             Properties::new(named, None, toml::from_str(text).expect("good TOML")).expect("properties that fit")
         };

@@ -11,6 +11,10 @@
 //! `name` names the moments. Further columns: `sky` says how the sky's radiance is spread (`uniform` without it),
 //! `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K), `air_temperature` (°C),
 //! `humidity` (%) and `wind` (m/s) what else people and surfaces feel.
+//!
+//! A planet below a satellite has `planet_x`, `planet_y`, `planet_z` (the direction towards its middle), `half_angle`
+//! (degrees, of its disc), and `albedo` and `infrared`: the sunlight that it reflects and the heat that it sends, W/m² of
+//! its surface.
 
 use crate::exit::hinted;
 use crate::table::{Head, head, short, told};
@@ -81,6 +85,26 @@ pub(crate) struct Air {
     pub(crate) wind: f64,
 }
 
+/// A planet: a disc of even radiance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Planet {
+    /// Towards its middle, of length 1.
+    pub(crate) direction: DVec3,
+    /// Half of the angle that it spans, radians: above 0, up to π / 2.
+    pub(crate) half_angle: f64,
+    /// Sunlight that it sends, W/m² of its surface.
+    pub(crate) albedo: f64,
+    /// Heat that it sends, W/m² of its surface.
+    pub(crate) infrared: f64,
+}
+
+impl Planet {
+    /// True if two are the same disc.
+    pub(crate) fn is_where(&self, other: &Self) -> bool {
+        self.direction == other.direction && self.half_angle == other.half_angle
+    }
+}
+
 /// One moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Moment {
@@ -97,6 +121,8 @@ pub(crate) struct Moment {
     pub(crate) sky_temperature: Option<f64>,
     /// The air, where the table has all of it.
     pub(crate) air: Option<Air>,
+    /// A planet nearby.
+    pub(crate) planet: Option<Planet>,
 }
 
 /// The moments of a table.
@@ -106,7 +132,12 @@ pub(crate) struct Suns {
     /// A name a moment.
     pub(crate) names: Vec<String>,
     pub(crate) moments: Vec<Moment>,
+    /// What of the air the table has, and what not, where it has some of it.
+    pub(crate) lacks_air: Option<String>,
 }
+
+/// Columns of the air.
+const AIR: [&str; 3] = ["air_temperature", "humidity", "wind"];
 
 impl Suns {
     /// Reads a table.
@@ -139,11 +170,37 @@ impl Suns {
         let (diffuse, name) = (column(&["diffuse"]), column(&["time", "moment", "hour", "name"]));
         let [sky, extraterrestrial] = [column(&["sky"]), column(&["extraterrestrial"])];
         let sky_temperature = column(&["sky_temperature"]);
-        let air = [column(&["air_temperature"]), column(&["humidity"]), column(&["wind"])];
+        let air = AIR.map(|name| column(&[name]));
+        let of_air = |is_there: bool| -> Vec<String> {
+            let columns = AIR.iter().zip(air).filter(|(_, column)| column.is_some() == is_there);
+            columns.map(|(name, _)| format!("`{name}`")).collect()
+        };
+        let (has, lacks) = (of_air(true), of_air(false));
+        let planet = match column(&["half_angle"]) {
+            None => None,
+            Some(half_angle) => Some((
+                [needed("planet_x")?, needed("planet_y")?, needed("planet_z")?],
+                half_angle,
+                [column(&["albedo"]), column(&["infrared"])],
+            )),
+        };
+        if planet.is_none()
+            && let Some(lone) = ["planet_x", "albedo", "infrared"]
+                .iter()
+                .find(|name| column(&[name]).is_some())
+        {
+            return Err(hinted(
+                at(Some(1), anyhow!("there is `{lone}`, and no `half_angle`")),
+                "a planet has the columns `planet_x,planet_y,planet_z,half_angle,albedo,infrared`: the direction \
+                 towards its middle, degrees, and W/m² of its surface",
+            ));
+        }
         let mut found = Self {
             path: path.to_owned(),
             names: Vec::new(),
             moments: Vec::new(),
+            lacks_air: (!has.is_empty() && !lacks.is_empty())
+                .then(|| format!("{}, and no {}", has.join(" and "), lacks.join(" and no "))),
         };
         for record in reader.records() {
             let record = record.map_err(|error| {
@@ -184,7 +241,27 @@ impl Suns {
                 }),
                 _ => None,
             };
+            let planet = match planet {
+                Some((towards, half_angle, [albedo, infrared])) if power(half_angle)? > 0.0 => {
+                    let degrees = power(half_angle)?;
+                    if degrees > 90.0 {
+                        return Err(at(line, anyhow!("the `half_angle` is {degrees}°, above 90°")));
+                    }
+                    let [x, y, z] = towards;
+                    let direction = DVec3::new(number(x)?, number(y)?, number(z)?).try_normalize();
+                    let sent = |column: Option<usize>| column.and_then(given).unwrap_or(Ok(0.0));
+                    Some(Planet {
+                        direction: direction
+                            .ok_or_else(|| at(line, anyhow!("the direction towards the planet has no length")))?,
+                        half_angle: degrees.to_radians(),
+                        albedo: sent(albedo)?,
+                        infrared: sent(infrared)?,
+                    })
+                }
+                _ => None,
+            };
             let moment = Moment {
+                planet,
                 direct: power(direct)?,
                 diffuse: diffuse.map_or(Ok(0.0), power)?,
                 direction: towards.try_normalize().unwrap_or(DVec3::ZERO),
@@ -219,6 +296,12 @@ impl Suns {
     /// True if light comes from the sky at a moment.
     pub(crate) fn has_sky(&self) -> bool {
         self.moments.iter().any(|moment| moment.diffuse > 0.0)
+    }
+
+    /// True if a planet sends heat at a moment.
+    pub(crate) fn has_infrared(&self) -> bool {
+        let sends = |moment: &Moment| moment.planet.is_some_and(|planet| planet.infrared > 0.0);
+        self.moments.iter().any(sends)
     }
 
     /// The first moment whose sky is not the same from everywhere, and brings light.
@@ -282,6 +365,12 @@ mod tests {
             (noon.direction, noon.direct, noon.sky_temperature),
             (DVec3::Z, 700.0, Some(280.0))
         );
+        assert!(found.lacks_air.is_none() && !found.has_infrared());
+        let some = read("x,y,z,direct,air_temperature,wind\n0,0,1,5,20,1\n").expect("a sun");
+        assert_eq!(
+            some.lacks_air.as_deref(),
+            Some("`air_temperature` and `wind`, and no `humidity`")
+        );
         assert!(!found.has_sky() && night.direction == DVec3::ZERO && night.sky_temperature.is_none());
         for (text, words) in [
             ("x,y,z\n0,0,1\n", "s.csv:1: there is no column `direct`"),
@@ -296,6 +385,15 @@ mod tests {
                 "s.csv:2: the sky `cie17` is not known",
             ),
             ("x,y,z,direct\n", "has no sun"),
+            (
+                "x,y,z,direct,albedo\n0,0,1,5,3\n",
+                "s.csv:1: there is `albedo`, and no `half_angle`",
+            ),
+            ("x,y,z,direct,half_angle\n0,0,1,5,3\n", "there is no column `planet_x`"),
+            (
+                "x,y,z,direct,half_angle,planet_x,planet_y,planet_z\n0,0,1,5,93,0,0,1\n",
+                "s.csv:2: the `half_angle` is 93°, above 90°",
+            ),
             ("x,y,z,direct\n0,0,1\n", "has 3 fields where the header has 4"),
         ] {
             let error = read(text).expect_err(text).to_string();

@@ -241,6 +241,9 @@ exports! {
     /// EnergyPlus' user view factors by surface name.
     EnergyPlus, ["epjson", "idf"], "energyplus",
         "EnergyPlus: user view factors by surface name, OUT an .epJSON or .idf", [], "", solvers::EnergyPlus;
+    /// EnergyPlus' surroundings of exterior surfaces: sky, ground and other surfaces.
+    EnergyPlusOutside, ["epjson", "idf"], "energyplus-outside",
+        "EnergyPlus: surroundings of exterior surfaces, OUT an .epJSON or .idf", [], "", solvers::EnergyPlusOutside;
     /// uDALES' sparse view factors and sky view factors, from 1.
     Udales, ["inp"], "udales", "uDALES: OUT vfsparse.inp.NNN, and svf.inp.NNN beside it", [FromOne], "",
         solvers::Udales;

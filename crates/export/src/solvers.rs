@@ -6,6 +6,7 @@
 mod calculix;
 mod elmer;
 mod energyplus;
+mod energyplus_outside;
 mod openfoam;
 mod petsc;
 mod udales;
@@ -14,6 +15,7 @@ pub(crate) mod view3d;
 pub(crate) use calculix::Calculix;
 pub(crate) use elmer::Elmer;
 pub(crate) use energyplus::EnergyPlus;
+pub(crate) use energyplus_outside::EnergyPlusOutside;
 pub(crate) use openfoam::OpenFoam;
 pub(crate) use petsc::Petsc;
 pub(crate) use udales::Udales;

@@ -61,6 +61,8 @@ pub const TURNS_MAX: u32 = 16;
 pub const PERSON_SIDE: f64 = 0.22;
 /// Share of its upper and of its lower side.
 pub const PERSON_END: f64 = 0.06;
+/// Shares of the area of a seated person: front and back, left and right, up and down (ISO 7726:1998, annex B).
+pub const SEATED: [f64; 3] = [0.30 / 1.40, 0.22 / 1.40, 0.18 / 1.40];
 /// Euclidean norm of a row below which nothing is refined.
 const NEGLIGIBLE: f64 = 1e-5;
 
@@ -75,6 +77,9 @@ pub enum Body {
     Cube,
     /// A standing person, by six weighted sides.
     Person,
+    /// A seated person, by six weighted sides, who faces along the level part of this direction; anywhere where it is
+    /// `None`, or points up or down.
+    Seated(Option<DVec3>),
     /// An upright cylinder of a person's proportions.
     Cylinder,
 }
@@ -111,6 +116,20 @@ impl Body {
             Self::Sphere => vec![halves(Kernel::Solid)],
             Self::Cylinder => vec![halves(Kernel::Upright)],
             Self::Cube => sides.iter().map(|&side| vec![plane(side, 1.0)]).collect(),
+            Self::Seated(facing) => {
+                let [front, side, end] = SEATED;
+                let level = facing.and_then(|facing| level(horizon, facing));
+                let around = match level {
+                    Some(facing) => {
+                        let left = horizon.up.cross(facing);
+                        vec![(facing, front), (-facing, front), (left, side), (-left, side)]
+                    }
+                    None => sides[..4].iter().map(|&axis| (axis, (front + side) / 2.0)).collect(),
+                };
+                let ends = [(horizon.up, end), (-horizon.up, end)];
+                let parts = around.into_iter().chain(ends);
+                vec![parts.map(|(axis, weight)| plane(axis, weight)).collect()]
+            }
             Self::Person => {
                 let weights = [
                     PERSON_SIDE,
@@ -160,6 +179,13 @@ impl Body {
             })
             .collect()
     }
+}
+
+/// The level part of a direction, of length 1; `None` for one straight up or down.
+pub fn level(horizon: &Horizon, direction: DVec3) -> Option<DVec3> {
+    let direction = direction.try_normalize()?;
+    let level = direction - horizon.up * direction.dot(horizon.up);
+    (level.length() > 1e-6).then(|| level.normalize())
 }
 
 /// The normals of a cube's sides: east, north, west, south, up, down.

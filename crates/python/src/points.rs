@@ -143,12 +143,13 @@ fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
         (None | Some("sphere"), _) => Ok(Body::Sphere),
         (Some("cube"), _) => Ok(Body::Cube),
         (Some("person"), _) => Ok(Body::Person),
+        (Some("seated"), facing) => Ok(Body::Seated(facing)),
         (Some("cylinder"), _) => Ok(Body::Cylinder),
         (Some("plane"), None) => Err(errors::input(
             "`body` is `plane`, and a plane needs a direction to look in; give `normals`",
         )),
         (Some(other), _) => Err(errors::input(format!(
-            "`body` is `{other}`; plane, sphere, cube, person or cylinder is needed"
+            "`body` is `{other}`; plane, sphere, cube, person, seated or cylinder is needed"
         ))),
     }
 }
@@ -157,7 +158,8 @@ fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
 /// computed.
 ///
 /// `positions` are (m, 3), in the scene's coordinates. `body` is 'plane' (with `normals`, (m, 3)), 'sphere', 'cube'
-/// (six rows a point), 'person' (standing, six weighted sides) or 'cylinder' (upright); by default a plane with normals
+/// (six rows a point), 'person' (standing, six weighted sides), 'seated' (with
+/// `normals` facing along them) or 'cylinder' (upright); by default a plane with normals
 /// and a sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by
 /// no more than this share. `progress(done, total)` is called with numbers of points some times a second.
 ///

@@ -99,12 +99,14 @@ fn fill(entry: &mut Entry, other: &Entry) {
         || entry.adiabatic.is_some()
         || entry.flux.is_some()
         || entry.heat.is_some()
-        || entry.isothermal.is_some();
+        || entry.isothermal.is_some()
+        || entry.body.is_some();
     if !has_condition {
         entry.temperature = other.temperature;
         entry.adiabatic = other.adiabatic;
         entry.flux = other.flux;
         entry.heat = other.heat;
         entry.isothermal = other.isothermal;
+        entry.body.clone_from(&other.body);
     }
 }

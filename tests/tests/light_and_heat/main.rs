@@ -1,5 +1,6 @@
 //! What rows are computed for: light, heat, sky, sensors, and mirrors, panes, symmetry and periods.
 
+mod bodies;
 mod glazed_sky;
 mod heat;
 mod heat_cases;

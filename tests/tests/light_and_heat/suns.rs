@@ -484,3 +484,405 @@ fn points_have_shadows_and_reflected_light() {
     assert!((value(2, 7) - 400.0).abs() < 0.02 * 400.0, "{rows:?}");
     assert!((value(2, 8) - value(2, 7)).abs() < 2e-3);
 }
+
+/// Three climates: where the sun stands at noon, from either side of the equator, and that no light of a file is lost
+/// but what comes while the sun is down.
+#[test]
+fn weather_files_of_three_climates_have_their_suns() {
+    for climate in hemicube_tests::weather::CLIMATES {
+        let place = Place::new();
+        place.write("year.epw", climate.epw());
+        for (times, declination) in [("06-21", 23.44f64), ("12-21", -23.44)] {
+            place
+                .line(&format!("suns year.epw --times {times} -o day.csv --overwrite"))
+                .is(0);
+            let text = std::fs::read_to_string(place.path("day.csv")).expect("a table");
+            assert!(text.lines().next().expect("a head").ends_with("wind (m/s)"), "{text}");
+            let day = cells(&text);
+            assert_eq!(day.len(), 24);
+            let number = |row: &[String], at: usize| row[at].parse::<f64>().expect("a number");
+            let noon = (day.iter())
+                .max_by(|a, b| number(a, 3).total_cmp(&number(b, 3)))
+                .expect("hours");
+            let highest = 90.0 - (climate.latitude - declination).abs();
+            let found = number(noon, 3).asin().to_degrees();
+            // The middle of an hour is at most half of one from noon: 7.5° of the sun's way, less of its height.
+            assert!(
+                found < highest + 0.2 && found > highest - 3.0,
+                "{} {times}: {found} {highest}",
+                climate.name
+            );
+            // Where the sun is not near the zenith, it stands over the equator.
+            if highest < 80.0 {
+                assert_eq!(
+                    number(noon, 2) < 0.0,
+                    climate.latitude > declination,
+                    "{}",
+                    climate.name
+                );
+            }
+            for row in &day {
+                let level = number(row, 1).hypot(number(row, 2)).hypot(number(row, 3));
+                assert!((level - 1.0).abs() < 1e-6, "{row:?}");
+                // The file's infrared is 300 W/m² and 20 more or less by day: a sky of 265 to 275 K.
+                assert!((264.0..276.0).contains(&number(row, 8)), "{row:?}");
+            }
+        }
+        let ran = place.line("suns year.epw -o year.csv").is(0);
+        let year = cells(&std::fs::read_to_string(place.path("year.csv")).expect("a table"));
+        assert_eq!(year.len(), 8760);
+        let direct: f64 = year.iter().map(|row| row[4].parse::<f64>().expect("W/m²")).sum();
+        let lost: f64 = (ran.err.split("the hour: ").nth(1))
+            .and_then(|words| words.split_whitespace().next())
+            .map_or(0.0, |number| number.replace(',', "").parse().expect("Wh/m²"));
+        let of_file: f64 = (climate.epw().lines().skip(8))
+            .map(|line| line.split(',').nth(14).expect("a field").parse::<f64>().expect("W/m²"))
+            .sum();
+        assert!(
+            (direct + lost - of_file).abs() < 1.0,
+            "{}: {direct} {lost} {of_file}",
+            climate.name
+        );
+        // The far north has hours of this file's light without a sun, the tropics have none.
+        assert_eq!(lost > 1e5, climate.name == "north", "{}: {lost}", climate.name);
+    }
+}
+
+/// Diffuse irradiance of a tilted plane by Perez, Ineichen, Seals, Michalsky & Stewart (1990), *Solar Energy* 44, 271,
+/// equations 9 to 13 with the coefficients of table 6; the air mass is Kasten & Young's (1989).
+fn perez_on_a_plane(direct: f64, diffuse: f64, above: f64, cosines: [f64; 2], tilt: f64) -> f64 {
+    const BINS: [f64; 7] = [1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2];
+    const F: [[f64; 6]; 8] = [
+        [-0.008, 0.588, -0.062, -0.060, 0.072, -0.022],
+        [0.130, 0.683, -0.151, -0.019, 0.066, -0.029],
+        [0.330, 0.487, -0.221, 0.055, -0.064, -0.026],
+        [0.568, 0.187, -0.295, 0.109, -0.152, -0.014],
+        [0.873, -0.392, -0.362, 0.226, -0.462, 0.001],
+        [1.132, -1.237, -0.412, 0.288, -0.823, 0.056],
+        [1.060, -1.600, -0.359, 0.264, -1.127, 0.131],
+        [0.678, -0.327, -0.250, 0.156, -1.377, 0.251],
+    ];
+    let [of_plane, of_zenith] = cosines;
+    let zenith = of_zenith.clamp(-1.0, 1.0).acos();
+    let cube = 1.041 * zenith.powi(3);
+    let clearness = ((diffuse + direct) / diffuse + cube) / (1.0 + cube);
+    let bin = BINS.iter().filter(|bin| clearness >= **bin).count();
+    let degrees = zenith.to_degrees();
+    let mass = 1.0 / (of_zenith + 0.50572 * (96.07995 - degrees).powf(-1.6364));
+    let brightness = diffuse * mass / above;
+    let [f11, f12, f13, f21, f22, f23] = F[bin];
+    let around = (f11 + f12 * brightness + f13 * zenith).max(0.0);
+    let horizon = f21 + f22 * brightness + f23 * zenith;
+    let [a, b] = [of_plane.max(0.0), of_zenith.max(85f64.to_radians().cos())];
+    diffuse * ((1.0 - around) * (1.0 + tilt.cos()) / 2.0 + around * a / b + horizon * tilt.sin())
+}
+
+/// A south wall over a clear day in March, June and December: direct and diffuse light by the formulas for tilted planes,
+/// which are another fit of the same skies than the radiances that `perez` spreads.
+#[test]
+fn a_south_wall_has_the_day_that_perez_gives_it() {
+    let place = Place::new();
+    place.write("open.obj", lawn_and_wall());
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.2\n");
+    place.line("compute open.obj -o f").is(0);
+    place.line("sky open.obj --matrix f --up z --division reinhart:4").is(0);
+    let mut off: Vec<f64> = Vec::new();
+    for day in ["2026-03-21", "2026-06-21", "2026-12-21"] {
+        place
+            .line(&format!(
+                "suns --location 52.52,13.40 --times {day}T03:30+01:00/{day}T20:30+01:00/30m -o day.csv --overwrite"
+            ))
+            .is(0);
+        place
+            .line("solve f --materials m.toml --suns day.csv --by object -o light.csv --overwrite")
+            .is(0);
+        let read = |name: &str| cells(&std::fs::read_to_string(place.path(name)).expect("a table"));
+        let number = |row: &[String], at: usize| row[at].parse::<f64>().expect("a number");
+        let found: f64 = (read("light.csv").iter().filter(|row| row[1] == "wall"))
+            .map(|row| number(row, 5))
+            .sum();
+        let mut wanted = 0.0;
+        for row in read("day.csv") {
+            let [direct, diffuse, above] = [number(&row, 4), number(&row, 5), number(&row, 7)];
+            if diffuse <= 0.0 {
+                continue;
+            }
+            let cosines = [-number(&row, 2), number(&row, 3)];
+            wanted += direct * cosines[0].max(0.0);
+            wanted += perez_on_a_plane(direct, diffuse, above, cosines, std::f64::consts::FRAC_PI_2);
+        }
+        assert!(wanted > 1000.0);
+        off.push(found / wanted - 1.0);
+    }
+    println!("south wall, by day: {off:?}");
+    assert!(off.iter().all(|off| off.abs() < 0.01), "{off:?}");
+}
+
+/// The triangle that a ray meets first, and how far.
+fn first(triangles: &[[[f64; 3]; 3]], from: [f64; 3], along: [f64; 3]) -> Option<usize> {
+    let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    };
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let mut nearest = (f64::INFINITY, None);
+    for (at, &[a, b, c]) in triangles.iter().enumerate() {
+        let (e, f) = (minus(b, a), minus(c, a));
+        let p = cross(along, f);
+        let determinant = dot(e, p);
+        let s = minus(from, a);
+        let u = dot(s, p) / determinant;
+        let q = cross(s, e);
+        let v = dot(along, q) / determinant;
+        let t = dot(f, q) / determinant;
+        if determinant != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 1e-9 && t < nearest.0 {
+            nearest = (t, Some(at));
+        }
+    }
+    nearest.1
+}
+
+/// Two points under and beside a plate above a sunlit floor, at noon and under a low sun, by 400,000 rays of the test's
+/// own.
+#[test]
+fn mean_radiant_temperatures_by_day_are_those_of_rays() {
+    let place = Place::new();
+    place.write("shaded.obj", shaded());
+    place.write(
+        "day.csv",
+        "time,x,y,z,direct,diffuse,sky_temperature\nnoon,0,0.2,1,800,100,270\nlow,1,0,0.4,500,60,265\n",
+    );
+    place.write(
+        "m.toml",
+        "bands = [\"all\"]\n[default]\nreflectance = 0.4\nemissivity = 0.9\nabsorptance = 0.6\ntemperature = \
+         300\n[object.floor]\ntemperature = 315\n",
+    );
+    let points = [[1.5, 1.5, 0.4], [3.0, 1.5, 0.8]];
+    place.write("points.txt", "1.5 1.5 0.4\n3 1.5 0.8\n");
+    place.line("compute shaded.obj -o f --tolerance 0.2%").is(0);
+    place
+        .line("solve f --materials m.toml --suns day.csv --solution light -o light.csv")
+        .is(0);
+    place
+        .line("solve f --thermal --materials m.toml --suns day.csv --solution heat -o heat.csv")
+        .is(0);
+    place
+        .line(
+            "points shaded.obj --up z --points points.txt --as sphere --suns day.csv --solution f:light --solution f:heat \
+             --ground-temperature 290 --tolerance 0.2% -o felt.csv",
+        )
+        .is(0);
+    let read = |name: &str| {
+        let text = std::fs::read_to_string(place.path(name)).expect("a table");
+        let head: Vec<String> = text
+            .lines()
+            .next()
+            .expect("a head")
+            .split(',')
+            .map(str::to_owned)
+            .collect();
+        (head, cells(&text))
+    };
+    let [light, heat, felt] = ["light.csv", "heat.csv", "felt.csv"].map(read);
+    let number = |text: &str| text.parse::<f64>().expect("a number");
+    let column = |(head, _): &(Vec<String>, Vec<Vec<String>>), name: &str| {
+        let is = |head: &String| head.starts_with(name);
+        head.iter()
+            .position(is)
+            .unwrap_or_else(|| panic!("no {name} in {head:?}"))
+    };
+    // The triangles in the order of the table's patches, found by their centroids.
+    let quads = shaded();
+    let corners: Vec<[f64; 3]> = (quads.lines().filter_map(|line| line.strip_prefix("v ")))
+        .map(|line| {
+            let parts: Vec<f64> = line.split_whitespace().map(number).collect();
+            [parts[0], parts[1], parts[2]]
+        })
+        .collect();
+    let all: Vec<[[f64; 3]; 3]> = (corners.chunks(4))
+        .flat_map(|quad| [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]])
+        .collect();
+    let triangles: Vec<[[f64; 3]; 3]> = (light.1.iter())
+        .map(|row| {
+            let at = column(&light, "x");
+            let is_it = |triangle: &&[[f64; 3]; 3]| {
+                (0..3).all(|axis| {
+                    let middle = triangle.iter().map(|corner| corner[axis]).sum::<f64>() / 3.0;
+                    (middle - number(&row[at + axis])).abs() < 1e-9
+                })
+            };
+            *all.iter().find(is_it).expect("a triangle")
+        })
+        .collect();
+    for (moment, (name, sun, direct, diffuse, sky)) in [
+        ("noon", [0.0, 0.2, 1.0], 800.0, 100.0, 270.0f64),
+        ("low", [1.0, 0.0, 0.4], 500.0, 60.0, 265.0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let of = |table: &(Vec<String>, Vec<Vec<String>>)| -> Vec<f64> {
+            let at = table
+                .0
+                .iter()
+                .position(|head| head == &format!("radiosity_{name}"))
+                .expect("a column");
+            table.1.iter().map(|row| number(&row[at])).collect()
+        };
+        let (bright, warm) = (of(&light), of(&heat));
+        for (point, from) in points.into_iter().enumerate() {
+            const RAYS: u32 = 400_000;
+            let (mut short, mut long) = (0.0, 0.0);
+            for ray in 0..RAYS {
+                let z = 1.0 - 2.0 * (f64::from(ray) + 0.5) / f64::from(RAYS);
+                let (sine, cosine) = (f64::from(ray) * 2.399_963_229_728_653).sin_cos();
+                let across = (1.0 - z * z).sqrt();
+                let (seen, felt) = match first(&triangles, from, [across * cosine, across * sine, z]) {
+                    Some(patch) => (bright[patch], warm[patch]),
+                    None if z > 0.0 => (diffuse, SIGMA * sky.powi(4)),
+                    None => (0.0, SIGMA * 290f64.powi(4)),
+                };
+                (short, long) = (short + seen, long + felt);
+            }
+            let (short, long) = (short / f64::from(RAYS), long / f64::from(RAYS));
+            let beam = if first(&triangles, from, sun).is_none() {
+                direct / 4.0
+            } else {
+                0.0
+            };
+            let wanted = ((0.7 * (short + beam) + 0.97 * long) / (0.97 * SIGMA)).powf(0.25);
+            let row = &felt.1[moment * points.len() + point];
+            let found = number(&row[column(&felt, "mean_radiant_temperature")]);
+            assert_eq!(beam > 0.0, (point, name) != (0, "noon"), "{name} {point}");
+            assert!((found - wanted).abs() < 0.1, "{name} {point}: {found} {wanted}");
+        }
+    }
+}
+
+/// A planet in front of plates turned away from it by more and more: F = sin² α cos θ where a plate sees all of the disc,
+/// and where its horizon cuts the disc, the closed form for a sphere (for a plate edge-on, (α − sin α cos α) / π).
+#[test]
+fn a_planet_lights_and_warms_plates_by_the_view_factor_of_a_sphere() {
+    let place = Place::new();
+    let mut obj = Obj::default();
+    let tilts = [0.0f64, 25.0, 50.0, 90.0, 130.0];
+    for (at, tilt) in tilts.iter().enumerate() {
+        // Normals turn from −z, where the planet is, by the tilt about y; each plate far from the others.
+        let x = 1000.0 * at as f64;
+        let (sine, cosine) = tilt.to_radians().sin_cos();
+        let corner = |u: f64, v: f64| [x + u * cosine, v, u * sine];
+        obj.surface(
+            &format!("t{tilt}"),
+            "m",
+            &[corner(0., 0.), corner(0., 1.), corner(1., 1.), corner(1., 0.)],
+        );
+    }
+    place.write("plates.obj", obj.text);
+    place.write(
+        "orbit.csv",
+        "time,x,y,z,direct,planet_x,planet_y,planet_z,half_angle,albedo,infrared\nnear,0,0,1,0,0,0,-1,40,400,240\nfar,0,\
+         0,1,0,0,0,-1,12,400,240\naway,0,0,1,0,0,0,-1,,,\n",
+    );
+    place.write(
+        "m.toml",
+        "bands = [\"all\"]\n[default]\nreflectance = 0\nemissivity = 0.5\nabsorptance = 0.25\nadiabatic = true\n",
+    );
+    place.line("compute plates.obj -o f").is(0);
+    place
+        .line("solve f --materials m.toml --suns orbit.csv --by object -o light.csv")
+        .is(0);
+    place
+        .line("solve f --thermal --materials m.toml --suns orbit.csv --sky-temperature 0 --by object -o heat.csv")
+        .is(0);
+    let read = |name: &str| cells(&std::fs::read_to_string(place.path(name)).expect("a table"));
+    let (light, heat) = (read("light.csv"), read("heat.csv"));
+    for (moment, alpha) in [("near", 40f64), ("far", 12.0)] {
+        let alpha = alpha.to_radians();
+        for tilt in tilts {
+            let theta = tilt.to_radians();
+            let is_cut = tilt + alpha.to_degrees() > 90.0;
+            let wanted = match tilt {
+                90.0 => Some((alpha - alpha.sin() * alpha.cos()) / std::f64::consts::PI),
+                _ if tilt - 90.0 > alpha.to_degrees() => Some(0.0),
+                _ if !is_cut => Some(alpha.sin().powi(2) * theta.cos()),
+                _ => None,
+            };
+            let name = format!("t{tilt}");
+            let value = |rows: &[Vec<String>], at: usize| -> f64 {
+                let row = rows
+                    .iter()
+                    .find(|row| row[0] == moment && row[1] == name)
+                    .expect("a row");
+                row[at].parse().expect("a number")
+            };
+            let found = value(&light, 5) / 400.0;
+            let Some(wanted) = wanted else { continue };
+            let error = if is_cut { 0.002 * alpha.sin().powi(2) } else { 1e-5 };
+            assert!((found - wanted).abs() < error, "{moment} {tilt}: {found} {wanted}");
+            // 2 ε σ T⁴ has no second side here: what one side absorbs of both, it radiates.
+            let taken = wanted * (0.25 * 400.0 + 0.5 * 240.0);
+            let kelvin = (taken / (0.5 * SIGMA)).powf(0.25);
+            if !is_cut {
+                assert!(
+                    (value(&heat, 6) - kelvin).abs() < 0.02,
+                    "{moment} {tilt}: {} {kelvin}",
+                    value(&heat, 6)
+                );
+            }
+        }
+    }
+    let dark = light.iter().filter(|row| row[0] == "away");
+    assert!(
+        dark.map(|row| row[5].parse::<f64>().expect("a number"))
+            .all(|light| light == 0.0)
+    );
+    place.write("p.txt", "0 0 5\n");
+    place
+        .line("points plates.obj --up z --points p.txt --suns orbit.csv")
+        .is(2)
+        .says(&["has a planet"]);
+}
+
+/// A seated person gets Fanger's share of the beam by where the sun stands from where the person faces, and the sky by
+/// its six sides; a table that lacks a column for UTCI says so.
+#[test]
+fn a_seated_person_faces_the_sun_or_not() {
+    use hemicube_weather::comfort::{Posture, projected_area};
+    let place = Place::new();
+    place.write("open.obj", lawn_and_wall());
+    place.write("m.toml", "[default]\nemissivity = 1\ntemperature = 300\n");
+    place.write(
+        "noon.csv",
+        "time,x,y,z,direct,diffuse,air_temperature,wind\nnoon,0,-0.8,0.6,800,100,25,2\n",
+    );
+    place.line("compute open.obj -o f").is(0);
+    place
+        .line("solve f --thermal --materials m.toml --sky-temperature 280")
+        .is(0);
+    let altitude = 0.6f64.asin().to_degrees();
+    for (facing, azimuth) in [
+        ("", None),
+        (" 0 -1 0", Some(0.0)),
+        (" 1 0 0.3", Some(90.0)),
+        (" 0 1 0", Some(180.0)),
+    ] {
+        place.write("seat.txt", format!("0 0 500{facing}\n"));
+        place
+            .line(
+                "points open.obj --up z --points seat.txt --as seated --suns noon.csv --solution f -o felt.csv --overwrite",
+            )
+            .is(0)
+            .says(&["`air_temperature` and `wind`, and no `humidity`"]);
+        let rows = cells(&std::fs::read_to_string(place.path("felt.csv")).expect("a table"));
+        let number = |at: usize| rows[0][at].parse::<f64>().expect("a number");
+        let factor = projected_area(altitude, azimuth, Posture::Seated).expect("in range");
+        assert!((number(5) - 800.0 * factor).abs() < 0.01, "{facing}: {rows:?}");
+        // Half of an even sky from the sides, all of it from above.
+        let of_sky = 100.0 * (0.18 + 0.5 * (2.0 * 0.22 + 2.0 * 0.30)) / 1.40;
+        assert!((number(6) - of_sky).abs() < 0.1, "{facing}: {rows:?} {of_sky}");
+    }
+}

@@ -199,6 +199,81 @@ fn files_of_surfaces_hold_the_matrix_by_name() {
     );
 }
 
+/// Fields of the objects of an IDF.
+fn idf_objects(text: &str) -> Vec<Vec<String>> {
+    let objects = text.split(';').map(str::trim).filter(|object| !object.is_empty());
+    objects
+        .map(|object| object.split(',').map(|field| field.trim().to_owned()).collect())
+        .collect()
+}
+
+/// A street of two long walls on a ground, open above: what a wall's row loses is sky, but for what its foot sees of
+/// the ground beyond the street's ends.
+#[test]
+fn energyplus_reads_sky_ground_and_surfaces_around_exterior_surfaces() {
+    let place = Place::new();
+    place.write(
+        "street.obj",
+        "v 0 0 0\nv 8 0 0\nv 8 20 0\nv 0 20 0\nv 0 0 6\nv 8 0 6\nv 8 20 6\nv 0 20 6\no road\nf 1 2 3 4\no west\nf 1 \
+         4 8 5\no east\nf 2 6 7 3\n",
+    );
+    place
+        .line("compute street.obj -o S --split 4 --tolerance 0.5% --quiet")
+        .is(0);
+    place
+        .line("export S --for energyplus-outside -o early.idf")
+        .is(2)
+        .says(&["what of the view is sky", "hemicube sky SCENE --matrix S"]);
+    place.line("sky street.obj --matrix S --up z").is(0);
+    for name in ["around.idf", "around.epJSON"] {
+        let line = format!("export S --for energyplus-outside -o {name}");
+        place.line(&line).is(0).says(&["3 objects"]);
+    }
+    let (areas, dense) = zones(&place, "S", "object");
+    let names = ["road", "west", "east"];
+    let model: serde_json::Value = serde_json::from_str(&text(&place, "around.epJSON")).expect("JSON");
+    let objects = idf_objects(&text(&place, "around.idf"));
+    assert_eq!((areas.len(), objects.len()), (3, 6));
+    for (at, name) in names.into_iter().enumerate() {
+        let around = format!("{name} surroundings");
+        let of_surface = &model["SurfaceProperty:LocalEnvironment"][format!("{name} environment")];
+        assert_eq!(of_surface["exterior_surface_name"], name);
+        assert_eq!(of_surface["surrounding_surfaces_object_name"], around.as_str());
+        let json = &model["SurfaceProperty:SurroundingSurfaces"][&around];
+        let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+        let (sky, ground) = (number(&json["sky_view_factor"]), number(&json["ground_view_factor"]));
+        let mut sum = sky + ground;
+        for surface in json["surfaces"].as_array().expect("surfaces") {
+            let other = surface["surrounding_surface_name"].as_str().expect("a name");
+            let to = names.iter().position(|name| *name == other).expect("a surface");
+            let factor = number(&surface["surrounding_surface_view_factor"]);
+            assert!((factor - dense[at][to]).abs() < 1e-6, "{name} {other}: {factor}");
+            assert_eq!(
+                surface["surrounding_surface_temperature_schedule_name"],
+                format!("{other} temperature")
+            );
+            sum += factor;
+        }
+        assert!((sum - 1.0).abs() < 5e-3, "{name}: {sum}");
+        // A level road sees nothing below the horizon; a wall does, through the open ends.
+        assert_eq!(ground > 0.005, name != "road", "{name}: {ground}");
+        // The dictionary's order: name, sky, its schedule, ground, its schedule, then three fields a surface.
+        let is_it = |object: &&Vec<String>| object[0].ends_with("SurroundingSurfaces") && object[1] == around;
+        let idf = objects.iter().find(is_it).expect("an object");
+        let field = |at: usize| idf[at].parse::<f64>().expect("a number");
+        assert!(
+            (field(2) - sky).abs() < 2e-6 && (field(4) - ground).abs() < 2e-6,
+            "{idf:?}"
+        );
+        assert!(idf[3].is_empty() && idf[5].is_empty() && idf.len() % 3 == 0, "{idf:?}");
+        assert_eq!(idf[8], format!("{} temperature", idf[6]));
+    }
+    place
+        .line("export S --for energyplus-outside --zone Z -o zone.idf")
+        .is(2)
+        .says(&["`--zone` has no meaning"]);
+}
+
 #[test]
 fn petsc_loads_the_matrix() {
     let place = computed();

@@ -15,13 +15,14 @@ use crate::report::{self, JsonReport, Listing, SCHEMA, count, counted, figures, 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use files::{Format, Found};
-use hemicube::analysis::exchange::{Conductors, Exchange, Network};
+use hemicube::analysis::exchange::{Conductors, Exchange, Network, joined};
 use hemicube::analysis::zones::GroupBy;
 use hemicube::solve::{Enclosures, Properties, Reading, SolveError, enclosures};
 use hemicube::store::Store;
 use hemicube_scene::Budget;
 use networks::{Deck, Program};
 use serde::Serialize;
+use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
@@ -236,6 +237,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Err(error) => return Err(error.into()),
     };
     drop((bar, guard));
+    let (network, exchange) = match nodes_of_bodies(&network, &properties)? {
+        Some((nodes, names)) => joined(&network, &exchange, &nodes, names)?,
+        None => (network, exchange),
+    };
     let enclosures = enclosures(&network.factors)?;
     let found = Found {
         network: &network,
@@ -304,6 +309,35 @@ fn write_network(arguments: &Arguments, program: Program, found: &Found<'_>) -> 
         left_out: conductors.left_out,
         left_out_share: conductors.left_out_share(),
     })
+}
+
+/// The node of each surface and the nodes' names, where surfaces are of bodies: a body is one node.
+fn nodes_of_bodies(network: &Network, properties: &Properties) -> Result<Option<(Vec<usize>, Vec<String>)>> {
+    let bodies = properties.bodies();
+    let of_patch = |patch: usize| bodies[properties.kind_of_patch()[patch] as usize];
+    let of_surfaces = network.of_surfaces(of_patch).map_err(|name| {
+        hinted(
+            anyhow!("the patches of `{name}` are of several bodies, and a surface is of one"),
+            "name the body in a table of its object, or take smaller surfaces: `--by face`, `--by patch`",
+        )
+    })?;
+    if of_surfaces.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let mut names: Vec<String> = Vec::new();
+    let mut known: HashMap<&str, usize> = HashMap::new();
+    let mut nodes = Vec::with_capacity(of_surfaces.len());
+    for (body, name) in of_surfaces.into_iter().zip(&network.names) {
+        let node = match body {
+            Some(body) => *known.entry(body).or_insert(names.len()),
+            None => names.len(),
+        };
+        if node == names.len() {
+            names.push(body.map_or_else(|| name.clone(), str::to_owned));
+        }
+        nodes.push(node);
+    }
+    Ok(Some((nodes, names)))
 }
 
 /// Emissivity of each surface, band by band.

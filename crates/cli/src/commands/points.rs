@@ -102,11 +102,11 @@ pub(crate) struct Arguments {
     )]
     pub(crate) on: Vec<String>,
     /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
-    /// cylinder, upright [default: plane with normals and, looking up, for a grid with `--height`; sphere without, and
+    /// seated, likewise, facing along its normal, or anywhere; cylinder, upright [default: plane with normals and, looking up, for a grid with `--height`; sphere without, and
     /// for radiant temperatures of such a grid]
     #[arg(
         long = "as",
-        value_name = "plane|sphere|cube|person|cylinder",
+        value_name = "plane|sphere|cube|person|seated|cylinder",
         hide_possible_values = true,
         help_heading = "Points"
     )]
@@ -225,6 +225,8 @@ pub(crate) enum BodyName {
     Cube,
     /// Six weighted sides.
     Person,
+    /// Likewise, seated.
+    Seated,
     /// Upright.
     Cylinder,
 }
@@ -801,8 +803,9 @@ impl Task<'_> {
 
 impl BodyName {
     /// The form of a sensor with this normal.
-    fn with(self, normal: glam::DVec3) -> Body {
+    fn with(self, normal: glam::DVec3, facing: Option<glam::DVec3>) -> Body {
         match self {
+            Self::Seated => Body::Seated(facing),
             Self::Plane => Body::Plane(normal),
             Self::Sphere => Body::Sphere,
             Self::Cube => Body::Cube,

@@ -360,10 +360,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Some(pairs) => pairs,
         None => &stored,
     };
+    let mut planets = None;
     let sun = match (&suns, &mut prepared) {
         (Some(suns), Some(prepared)) => {
             let mut arriving = suns::skylight(arguments, &store, &rows, suns, talk)?;
-            Lit::new(arguments, &store, prepared)?.add(suns, &mut arriving)?;
+            let lit = Lit::new(arguments, &store, prepared)?;
+            lit.add(suns, &mut arriving)?;
+            planets = lit.planets(suns, table.len())?;
+            if let Some(planets) = &planets {
+                suns::add_albedo(suns, planets, &mut arriving);
+            }
             Some((suns, arriving))
         }
         _ => None,
@@ -372,6 +378,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let at_once = columns_at_once(arguments, &store);
     let work = Work {
         sun,
+        planets,
         at_once,
         cancel,
         talk,
@@ -571,6 +578,8 @@ fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
 /// How a task is worked on, and what shines on it: the suns, and what arrives of them on each patch.
 struct Work<'a> {
     sun: Option<(&'a Suns, Block)>,
+    /// What arrives on each patch from the planet of each moment, of a radiosity of 1.
+    planets: Option<Block>,
     /// Right-hand sides solved together.
     at_once: u64,
     cancel: &'a AtomicBool,

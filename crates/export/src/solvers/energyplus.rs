@@ -26,7 +26,7 @@ const OBJECT: &str = "ZoneProperty:UserViewFactors:BySurfaceName";
 pub(crate) struct EnergyPlus;
 
 /// The form by the extension; `None` for neither.
-fn is_json(path: &Path) -> Option<bool> {
+pub(super) fn is_json(path: &Path) -> Option<bool> {
     match path.extension()?.to_string_lossy().to_ascii_lowercase().as_str() {
         "epjson" | "json" => Some(true),
         "idf" => Some(false),
@@ -146,7 +146,7 @@ fn forbidden(name: &str) -> Option<char> {
     name.chars().find(|&c| matches!(c, ',' | ';' | '!') || c.is_control())
 }
 
-fn names_are_good(faces: &Faces<'_>) -> Result<()> {
+pub(super) fn names_are_good(faces: &Faces<'_>) -> Result<()> {
     let mut taken = HashSet::new();
     let next = "name the scene's objects as the model's surfaces";
     for face in &faces.faces {

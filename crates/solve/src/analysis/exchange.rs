@@ -27,8 +27,10 @@
 //! [`RowTable::returned`]: hemicube_store::RowTable::returned
 //! [`solve`]: crate::solve::solve
 
+mod bodies;
 mod conductors;
 
+pub use bodies::joined;
 pub use conductors::Conductors;
 
 use super::zones::{DENSE_MAX as SURFACES_MAX, GroupBy, zones};

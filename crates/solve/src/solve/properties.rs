@@ -9,10 +9,10 @@
 //! Of each patch at most one table of objects and one of materials hold: that of the exact name, otherwise the matching
 //! pattern with most characters besides `*` and `?`. Two such patterns are an error. Each value is the object's
 //! table's, otherwise the material's, otherwise `default`'s, otherwise the scene's. The thermal condition
-//! (`temperature`, `adiabatic`, `flux`, `heat`, `isothermal`) is one value.
+//! (`temperature`, `adiabatic`, `flux`, `heat`, `isothermal`, `body`) is one value.
 //!
 //! A table holds for each name that it matches by itself: `heat` is each surface's, and an isothermal pattern makes one
-//! temperature for each name.
+//! temperature for each name. Surfaces of one `body` are one surface in both: they share one temperature and one heat.
 //!
 //! A patch with elements of several materials, or of several objects ([`PatchTable::SEVERAL`]), has the values on which
 //! the tables of all materials or objects agree. Others are refused where they are needed and no table before has them.
@@ -234,6 +234,8 @@ pub struct Entry {
     pub heat: Option<f64>,
     /// One unknown temperature for the whole surface, with `flux` or `heat`; alone: with no net heat.
     pub isothermal: Option<bool>,
+    /// The body that the surface is a part of: all of its surfaces have one temperature, and `heat` is the body's.
+    pub body: Option<String>,
 }
 
 /// All tables: a file of materials, or a dictionary.
@@ -269,6 +271,8 @@ pub struct Named<'a> {
 /// The table of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Level {
+    /// A body, which any of them may name.
+    Body,
     Object,
     Material,
     Default,
@@ -334,7 +338,7 @@ impl Value {
             Self::Emission => a.emission == b.emission,
             Self::Emissivity => a.emissivity == b.emissivity,
             Self::Absorptance => a.absorptance == b.absorptance,
-            Self::Condition => a.condition() == b.condition(),
+            Self::Condition => a.condition() == b.condition() && a.body == b.body,
         }
     }
 }
@@ -383,6 +387,8 @@ pub struct Thermal {
     pub condition: Condition,
     /// Number of the surface that the condition is of: kinds of one number share `heat` and one unknown temperature.
     pub surface: u32,
+    /// The body that it is a part of.
+    pub body: Option<String>,
     /// True if a patch is of this kind.
     pub is_used: bool,
 }
@@ -619,6 +625,7 @@ impl Properties {
         let (mut missing, mut lacks_emissivity, mut lacks_condition) = (Vec::new(), false, false);
         let mut found = Vec::new();
         let mut surfaces: HashMap<(Level, &str), u32> = HashMap::new();
+        let bodies = self.conditions_of_bodies()?;
         for kind in &self.kinds {
             let what = self.shown(kind);
             let (emissivity, is_of_scene) = self.emissivity(kind)?;
@@ -636,7 +643,9 @@ impl Properties {
                 },
                 None => None,
             };
-            let condition = kind.entry.condition();
+            let body = kind.entry.body.as_deref();
+            let of_body = body.and_then(|body| bodies.get(body).copied());
+            let condition = of_body.or_else(|| kind.entry.condition());
             if let Some(Condition::Temperature(given)) = condition
                 && !(0.0..=KELVIN_MAX).contains(&given.kelvin)
             {
@@ -652,6 +661,7 @@ impl Properties {
                 lacks_condition |= condition.is_none();
             }
             let source = match kind.condition {
+                _ if body.is_some() => (Level::Body, body.unwrap_or_default()),
                 Level::Object | Level::Default if kind.object.is_some() => {
                     (Level::Object, name_in(&self.objects, kind.object.unwrap_or(0)))
                 }
@@ -666,6 +676,7 @@ impl Properties {
                 is_of_scene,
                 condition: condition.unwrap_or(Condition::Flux(0.0)),
                 surface: *surfaces.entry(source).or_insert(next),
+                body: kind.entry.body.clone(),
                 is_used: kind.is_used,
             });
         }
@@ -681,6 +692,46 @@ impl Properties {
             format!("{what} known of {}", short_list(&missing)),
             PropertyStep::Thermal,
         ))
+    }
+
+    /// The body of each kind, where it is a part of one.
+    pub fn bodies(&self) -> Vec<Option<&str>> {
+        self.kinds.iter().map(|kind| kind.entry.body.as_deref()).collect()
+    }
+
+    /// The condition of each body: that of the tables that give it one. Tables that name the body alone follow them.
+    ///
+    /// # Errors
+    /// When tables give one body several.
+    fn conditions_of_bodies(&self) -> Result<HashMap<&str, Condition>> {
+        let mut found: HashMap<&str, (&Kind, Condition)> = HashMap::new();
+        for kind in self.kinds.iter().filter(|kind| kind.is_used) {
+            let entry = &kind.entry;
+            let says_more = entry.temperature.is_some() || entry.flux.is_some() || entry.heat.is_some();
+            let (Some(body), Some(condition), true) = (entry.body.as_deref(), entry.condition(), says_more) else {
+                continue;
+            };
+            match found.get(body) {
+                Some((other, of_other)) if *of_other != condition => {
+                    return Err(PropertyError::with(
+                        format!(
+                            "{} and {} are of the body `{body}`, and have several conditions",
+                            self.shown(other),
+                            self.shown(kind)
+                        ),
+                        "give the body one temperature, flux or heat, which is that of all of its surfaces together",
+                    ));
+                }
+                Some(_) => {}
+                None => {
+                    found.insert(body, (kind, condition));
+                }
+            }
+        }
+        Ok(found
+            .into_iter()
+            .map(|(body, (_, condition))| (body, condition))
+            .collect())
     }
 
     /// Emissivity of each kind, a number a band: `bands` where a table gives one for each, otherwise one.
@@ -919,7 +970,7 @@ pub struct PrintedTable {
 impl Entry {
     /// True if a condition is of a surface as a whole.
     fn is_of_surfaces(&self) -> bool {
-        self.heat.is_some() || self.isothermal == Some(true)
+        self.heat.is_some() || self.isothermal == Some(true) || self.body.is_some()
     }
 
     fn has_condition(&self) -> bool {
@@ -928,7 +979,7 @@ impl Entry {
 
     /// The thermal condition; `None` without one.
     pub fn condition(&self) -> Option<Condition> {
-        let isothermal = self.isothermal == Some(true);
+        let isothermal = self.isothermal == Some(true) || self.body.is_some();
         if self.adiabatic == Some(true) {
             return Some(Condition::Flux(0.0));
         }
@@ -946,6 +997,7 @@ impl Entry {
     fn take_condition(&mut self, other: &Self) {
         (self.temperature, self.adiabatic) = (other.temperature, other.adiabatic);
         (self.flux, self.heat, self.isothermal) = (other.flux, other.heat, other.isothermal);
+        self.body.clone_from(&other.body);
     }
 
     /// Conditions that exclude each other.
@@ -958,6 +1010,9 @@ impl Entry {
             (_, Some(true), Some(_), _) => Some("`adiabatic` and `flux`"),
             (_, Some(true), _, Some(_)) => Some("`adiabatic` and `heat`"),
             (_, Some(true), ..) if isothermal => Some("`adiabatic` (no flux on any patch) and `isothermal`"),
+            (_, Some(true), ..) if self.body.is_some() => {
+                Some("`adiabatic` (no flux on any patch) and `body` (one temperature)")
+            }
             _ => None,
         }
     }
@@ -1313,6 +1368,30 @@ mod tests {
         // Two objects of one name are one surface.
         assert_eq!(of(3).surface, of(4).surface);
         assert_eq!(of(3).condition, Condition::Heat(5.0));
+    }
+
+    #[test]
+    fn surfaces_of_a_body_are_one() {
+        let json = "{\"default\": {\"emissivity\": 0.9, \"temperature\": 300}, \
+                    \"object\": {\"Zone*\": {\"body\": \"stove\"}, \"duct\": {\"body\": \"stove\", \"heat\": 5}}}";
+        let properties = read(json).expect("good tables");
+        let thermal = properties.thermal().expect("all known");
+        let of = |patch: usize| &thermal[properties.kind_of_patch()[patch] as usize];
+        for patch in 1..5 {
+            // Tables that name the body alone follow the one that gives it heat.
+            assert_eq!(of(patch).condition, Condition::IsothermalHeat(5.0));
+            assert_eq!(of(patch).surface, of(1).surface);
+        }
+        assert_ne!(of(0).surface, of(1).surface);
+        assert_eq!(
+            properties.bodies()[properties.kind_of_patch()[2] as usize],
+            Some("stove")
+        );
+        let several = json.replace("\"body\": \"stove\"}", "\"body\": \"stove\", \"heat\": 7}");
+        let error = read(&several).expect("good tables").thermal().expect_err("two heats");
+        assert!(error.reason.contains("are of the body `stove`"), "{error}");
+        let still = json.replace("\"heat\": 5", "\"adiabatic\": true");
+        assert!(read(&still).expect_err("no one temperature").reason.contains("`body`"));
     }
 
     #[test]

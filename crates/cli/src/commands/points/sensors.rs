@@ -86,7 +86,9 @@ impl Sensors {
                 "give `x y z nx ny nz` a line, or `--as sphere`",
             ));
         }
-        let used = normals.filter(|_| body == BodyName::Plane);
+        // A grid's normals are its surfaces', and nobody faces along them.
+        let is_grid = raster.is_some();
+        let used = normals.filter(|_| body == BodyName::Plane || body == BodyName::Seated && !is_grid);
         let normal = |at: usize| used.as_ref().map_or(horizon.up, |normals| normals[at]);
         let looks: Vec<SensorPoint> = (0..)
             .zip(&positions)
@@ -105,7 +107,7 @@ impl Sensors {
             .iter()
             .map(|look| Sensor {
                 position: look.position,
-                body: body.with(look.normal),
+                body: body.with(look.normal, used.as_ref().map(|_| look.normal)),
             })
             .collect();
         let mut normals = used;
@@ -151,6 +153,7 @@ impl Sensors {
             BodyName::Sphere => "sphere",
             BodyName::Cube => "side of a cube",
             BodyName::Person => "standing person",
+            BodyName::Seated => "seated person",
             BodyName::Cylinder => "upright cylinder",
         }
     }

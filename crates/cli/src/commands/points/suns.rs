@@ -3,7 +3,8 @@
 //! On a body with the kernel k(ω) ([`hemicube::points`]) arrive, in W/m² of its surface on average:
 //!
 //! ```text
-//! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude
+//! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude, and
+//!            of a seated one, who faces somewhere, its azimuth
 //! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it
 //! reflected  Σ F_j B_j, of the radiosities B of a solution of light
 //! ```
@@ -23,7 +24,7 @@ use crate::suns::Suns;
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
-use hemicube::points::{SensorRow, Table};
+use hemicube::points::{Body, SensorRow, Table, level};
 use hemicube::portal::Portals;
 use hemicube::reference::{RayEnd, Reference, ReferenceSettings};
 use hemicube::sky::SkyDivision;
@@ -97,6 +98,15 @@ impl Hours {
         prepared: &Prepared,
         body: BodyName,
     ) -> Result<Self> {
+        if suns.moments.iter().any(|moment| moment.planet.is_some()) {
+            return Err(hinted(
+                anyhow!(
+                    "`{}` has a planet, and points see sun and sky alone",
+                    suns.path.display()
+                ),
+                "`hemicube solve --suns` takes its light and its infrared; for points leave its columns out",
+            ));
+        }
         let (mut light, mut heats) = (Vec::new(), Vec::new());
         for (store, solution) in solutions {
             let is_of_heat = solution.report()["quantity"] == "heat";
@@ -139,7 +149,7 @@ impl Hours {
             }
         }
         if !heats.is_empty() && matches!(body, BodyName::Plane | BodyName::Cube) {
-            bail!("a mean radiant temperature with the sun is of `--as person`, `sphere` or `cylinder`");
+            bail!("a mean radiant temperature with the sun is of `--as person`, `seated`, `sphere` or `cylinder`");
         }
         let is_sky_given = arguments.sky_temperature.is_some();
         Ok(Self {
@@ -288,10 +298,20 @@ impl Hours {
                 if moment.direct == 0.0 || horizon.is_below(sun) || !is_open(sun) {
                     return vec![0.0; rows.len()];
                 }
-                if sensors.body == BodyName::Person {
-                    let altitude = sun.dot(horizon.up).clamp(0.0, 1.0).asin().to_degrees();
-                    let factor = projected_area(altitude, None, Posture::Standing).unwrap_or(f64::NAN);
-                    return vec![factor * moment.direct];
+                let altitude = sun.dot(horizon.up).clamp(0.0, 1.0).asin().to_degrees();
+                let factor = match item.body {
+                    Body::Person => Some(projected_area(altitude, None, Posture::Standing)),
+                    Body::Seated(facing) => {
+                        let facing = facing
+                            .and_then(|facing| level(horizon, facing))
+                            .zip(level(horizon, sun));
+                        let azimuth = facing.map(|(facing, sun)| facing.dot(sun).clamp(-1.0, 1.0).acos().to_degrees());
+                        Some(projected_area(altitude, azimuth, Posture::Seated))
+                    }
+                    _ => None,
+                };
+                if let Some(factor) = factor {
+                    return vec![factor.unwrap_or(f64::NAN) * moment.direct];
                 }
                 let kernel = item.body.kernel(horizon, sun);
                 kernel.into_iter().map(|kernel| PI * kernel * moment.direct).collect()
@@ -383,6 +403,12 @@ impl Hours {
                 "light that surfaces reflect is left out; `hemicube solve DIR --suns {}` makes a solution of it for \
                  `--solution DIR:radiosity`",
                 crate::shell::word(&self.suns.path)
+            ));
+        }
+        if let Some(lacks) = self.suns.lacks_air.as_ref().filter(|_| !self.heats.is_empty()) {
+            talk.warn(&format!(
+                "no UTCI: `{}` has {lacks}; all of `air_temperature`, `humidity` and `wind` are needed for it",
+                self.suns.path.display()
             ));
         }
         let moments = self.suns.moments.iter().cycle();

@@ -44,6 +44,8 @@ pub(super) struct Recorded {
     heat: Option<f64>,
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     isothermal: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    body: Option<String>,
 }
 
 /// Extent in metres from which a scene of machines or rooms is taken to be in millimetres, and the least where a name
@@ -88,6 +90,7 @@ impl Recorded {
             flux: None,
             heat: None,
             isothermal: false,
+            body: kind.body.clone(),
         };
         match kind.condition {
             Condition::Temperature(given) => recorded.temperature = Some(given.kelvin()),
@@ -225,6 +228,9 @@ impl Exchange {
         let mut moments = Moments::read(load, kelvin, suns, store.manifest(), table)?;
         if let (None, Some(suns)) = (arguments.sky_temperature, suns) {
             moments.take_skies(suns);
+        }
+        if let (Some(planets), Some(suns)) = (&work.planets, suns) {
+            moments.take_planets(planets, suns);
         }
         let sunlight = match &work.sun {
             None => Vec::new(),

@@ -12,10 +12,10 @@
 
 use crate::exit::hinted;
 use crate::report::counted;
-use crate::suns::Suns;
+use crate::suns::{Moment, Suns};
 use crate::table::{Head, Located, head, told};
 use anyhow::{Context, Result, anyhow, bail};
-use hemicube::solve::{ArrayFile, Heat, SolveError, Temperature};
+use hemicube::solve::{ArrayFile, Block, Heat, SolveError, Temperature};
 use hemicube::store::{Manifest, PatchTable};
 use hemicube_scene::globs::Patterns;
 use std::collections::BTreeMap;
@@ -58,6 +58,8 @@ pub(super) struct Moments {
     absorbed: Vec<Vec<f64>>,
     /// Temperatures of the sky by the suns' table, K, a moment each; empty where it does not hold.
     skies: Vec<f64>,
+    /// Infrared irradiance of each patch from a planet, in W/m², a moment each; empty without any.
+    infrared: Vec<Vec<f64>>,
     names: Vec<String>,
 }
 
@@ -120,6 +122,7 @@ impl Moments {
             temperatures,
             absorbed: Vec::new(),
             skies: Vec::new(),
+            infrared: Vec::new(),
             names,
         })
     }
@@ -133,6 +136,18 @@ impl Moments {
     pub(super) fn take_skies(&mut self, suns: &Suns) {
         let skies = suns.moments.iter().map(|moment| moment.sky_temperature);
         self.skies = skies.collect::<Option<_>>().unwrap_or_default();
+    }
+
+    /// Takes the infrared that arrives from planets; `planets` has what arrives of a radiosity of 1.
+    pub(super) fn take_planets(&mut self, planets: &Block, suns: &Suns) {
+        if !suns.has_infrared() {
+            return;
+        }
+        let of = |(at, moment): (usize, &Moment)| {
+            let sent = moment.planet.map_or(0.0, |planet| planet.infrared);
+            planets.column(at).map(|factor| sent * factor).collect()
+        };
+        self.infrared = suns.moments.iter().enumerate().map(of).collect();
     }
 
     /// Number of moments.
@@ -159,6 +174,14 @@ impl Moments {
             found = found
                 .with_temperatures(&table.of(moment, f64::NAN)?)
                 .map_err(|error| table.told(error))?;
+        }
+        let place = if self.infrared.len() == 1 { 0 } else { moment };
+        if let Some(infrared) = self.infrared.get(place) {
+            let outside = found.outside.get_or_insert_with(|| vec![0.0; infrared.len()]);
+            outside
+                .iter_mut()
+                .zip(infrared)
+                .for_each(|(outside, infrared)| *outside += infrared);
         }
         Ok(found)
     }

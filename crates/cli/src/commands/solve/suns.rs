@@ -8,7 +8,7 @@ use crate::forecast;
 use crate::prepare::Prepared;
 use crate::report::counted;
 use crate::stored;
-use crate::suns::Suns;
+use crate::suns::{Planet, Suns};
 use anyhow::{Context, Result, bail};
 use glam::DVec3;
 use hemicube::frame::Horizon;
@@ -20,6 +20,11 @@ use hemicube_scene::{Axis, Budget, InputPatch};
 
 /// Moments whose skies are multiplied with the sky rows at a time.
 const SKIES_AT_ONCE: usize = 64;
+
+/// Rings of equal solid angle that a planet's disc is divided into, and parts of each. A choice: where a plane sees all
+/// of the disc, any number is exact; where its horizon cuts the disc, these err by 0.2 % of the whole disc's share.
+const RINGS: usize = 12;
+const AROUND: usize = 32;
 
 /// What takes less memory.
 const FEWER: &str = "solve for fewer suns at a time";
@@ -98,6 +103,16 @@ pub(super) fn skylight(
     Ok(found)
 }
 
+/// Adds the sunlight that planets reflect.
+pub(super) fn add_albedo(suns: &Suns, planets: &Block, arriving: &mut Block) {
+    for patch in 0..planets.patches() {
+        let of_patch = arriving.of_mut(patch).iter_mut().zip(planets.of(patch));
+        for ((arriving, factor), moment) in of_patch.zip(&suns.moments) {
+            *arriving += factor * moment.planet.map_or(0.0, |planet| planet.albedo);
+        }
+    }
+}
+
 /// The share of each patch's view that is sky: what leaves the scene, without what the sky rows know to be below the
 /// horizon.
 fn share_of_sky(arguments: &Arguments, store: &Store, rows: &RowTable, suns: &Suns, talk: Talk) -> Result<Vec<f64>> {
@@ -123,6 +138,26 @@ fn share_of_sky(arguments: &Arguments, store: &Store, rows: &RowTable, suns: &Su
         .zip(&below)
         .map(|(escaped, below)| (escaped - below).max(0.0))
         .collect())
+}
+
+/// Directions to the middles of parts of a planet's disc, of equal solid angle. A plane that sees all of them has sin² α
+/// cos θ of them, to rounding: a ring's middle cosine is its mean.
+fn parts_of(disc: &Planet) -> Vec<DVec3> {
+    let axis = disc.direction;
+    let across = axis.any_orthonormal_vector();
+    let other = axis.cross(across);
+    let mut parts = Vec::with_capacity(RINGS * AROUND);
+    for ring in 0..RINGS {
+        let cosine = 1.0 - (1.0 - disc.half_angle.cos()) * (ring as f64 + 0.5) / RINGS as f64;
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        for part in 0..AROUND {
+            // Each ring is turned by the golden angle: parts of no two lie in line.
+            let turn = std::f64::consts::TAU * (part as f64 / AROUND as f64 + 0.381_966 * ring as f64);
+            let (side, ahead) = turn.sin_cos();
+            parts.push(axis * cosine + (across * ahead + other * side) * sine);
+        }
+    }
+    parts
 }
 
 /// A matrix's scene as suns see it.
@@ -170,6 +205,47 @@ impl<'a> Lit<'a> {
             }
         }
         Ok(())
+    }
+
+    /// The irradiance of each patch from the planet of each moment, of a radiosity of 1: a row a patch, a column a
+    /// moment. `None` without planets.
+    ///
+    /// # Errors
+    /// When there is not the memory for it, or the scene is too large.
+    pub(super) fn planets(&self, suns: &Suns, patches: usize) -> Result<Option<Block>> {
+        // Satellites that look down always have one planet at one place.
+        let mut discs: Vec<Planet> = Vec::new();
+        let mut disc_of = Vec::with_capacity(suns.len());
+        for moment in &suns.moments {
+            disc_of.push(moment.planet.map(|planet| {
+                let known = discs.iter().position(|disc| disc.is_where(&planet));
+                known.unwrap_or_else(|| {
+                    discs.push(planet);
+                    discs.len() - 1
+                })
+            }));
+        }
+        if discs.is_empty() {
+            return Ok(None);
+        }
+        let elements = self.prepared.patches.len();
+        let numbers = 4 * (elements * RINGS * AROUND) as u64 + 16 * (patches * suns.len()) as u64;
+        forecast::require(Budget::default(), numbers, &what_of(elements, suns), FEWER)?;
+        let mut factors = Vec::with_capacity(discs.len());
+        for disc in &discs {
+            let directions = parts_of(disc);
+            // Each part is ΔΩ / π of a plane's view at its middle.
+            let weight = 2.0 * (1.0 - disc.half_angle.cos()) / directions.len() as f64;
+            let shares = self.of(&directions)?;
+            let of_element = |shares: &[f32]| weight * shares.iter().map(|&share| f64::from(share)).sum::<f64>();
+            let of_elements: Vec<f64> = shares.chunks_exact(directions.len()).map(of_element).collect();
+            factors.push(match &self.prepared.grouping {
+                Some(grouping) => grouping.means(&of_elements, &self.areas()),
+                None => of_elements,
+            });
+        }
+        let of = |patch: usize, at: usize| disc_of[at].map_or(0.0, |disc| factors[disc][patch]);
+        Ok(Some(Block::from_fn(patches, suns.len(), of)))
     }
 
     fn areas(&self) -> Vec<f64> {
