@@ -102,8 +102,8 @@ pub(crate) struct Arguments {
     )]
     pub(crate) on: Vec<String>,
     /// The form of a sensor: plane, by its normal; sphere; cube, a row a side; person, standing, by six weighted sides;
-    /// seated, likewise, facing along its normal, or anywhere; cylinder, upright [default: plane with normals and, looking up, for a grid with `--height`; sphere without, and
-    /// for radiant temperatures of such a grid]
+    /// seated, likewise, facing along its normal, or anywhere; cylinder, upright [default: plane with normals and,
+    /// looking up, for a grid with `--height`; sphere without, and for radiant temperatures of such a grid]
     #[arg(
         long = "as",
         value_name = "plane|sphere|cube|person|seated|cylinder",

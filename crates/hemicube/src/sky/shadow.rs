@@ -17,6 +17,9 @@ use hemicube_spatial::whole;
 
 /// Cells along an edge of a view's grid, at most.
 const CELLS_MOST: u32 = 512;
+/// Bound of a view's entries: so many a surface, and so many more. Surfaces that cover one another by the thousand would
+/// fill cells with all of them; rays find those.
+const ENTRIES: [u64; 2] = [64, 1 << 20];
 /// Bound of the pieces that a patch is cut into: beyond, rays are cheaper.
 const PIECES_MOST: usize = 96;
 /// Corners of a piece. Each cut adds one at most; pieces with more are left to rays.
@@ -69,7 +72,8 @@ impl Flat {
 }
 
 impl View {
-    /// The view of a sun in this direction, of length 1. `None` for a direction without length.
+    /// The view of a sun in this direction, of length 1. `None` for a direction without length, and where cells would
+    /// hold more than [`ENTRIES`].
     pub(super) fn new(model: &Model, sun: DVec3) -> Option<Self> {
         let [u, v, sun] = frame::axes_of(sun, 0.0)?;
         let axes = [u, v];
@@ -97,9 +101,15 @@ impl View {
             starts: vec![0; (edge * edge + 1) as usize],
             items: Vec::new(),
         };
+        let most = ENTRIES[0] * view.boxes.len() as u64 + ENTRIES[1];
+        let mut entries = 0;
         for flat in &view.boxes {
             for cell in view.cells(flat) {
                 view.starts[cell + 1] += 1;
+                entries += 1;
+            }
+            if entries > most {
+                return None;
             }
         }
         for cell in 1..view.starts.len() {
@@ -283,4 +293,27 @@ fn normal_of(corners: &[DVec3]) -> DVec3 {
 
 fn area(corners: &[DVec3]) -> f64 {
     0.5 * normal_of(corners).length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::tests::of_triangles;
+
+    /// A stack of plates that all cover one another takes no memory out of proportion.
+    #[test]
+    fn a_stack_of_thousands_of_plates_is_left_to_rays() {
+        let plate = |height: f64| {
+            let p = |x, y| DVec3::new(x, y, height);
+            [p(0.0, 0.0), p(1.0, 0.0), p(0.0, 1.0)]
+        };
+        for (plates, is_viewed) in [(100, true), (6_000, false)] {
+            let model = of_triangles(
+                &(0..plates)
+                    .map(|k| (plate(f64::from(k) * 1e-3), true))
+                    .collect::<Vec<_>>(),
+            );
+            assert_eq!(View::new(&model, DVec3::Z).is_some(), is_viewed, "{plates}");
+        }
+    }
 }
