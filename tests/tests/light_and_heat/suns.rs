@@ -3,7 +3,7 @@
 
 use crate::heat_cases::Obj;
 use hemicube_tests::runs::Place;
-use hemicube_tests::scenes::scenes_or_skip;
+use hemicube_tests::scenes::{say, scenes_or_skip};
 
 const SIGMA: f64 = 5.670_374_419e-8;
 
@@ -614,7 +614,7 @@ fn a_south_wall_has_the_day_that_perez_gives_it() {
         assert!(wanted > 1000.0);
         off.push(found / wanted - 1.0);
     }
-    println!("south wall, by day: {off:?}");
+    say(&format!("south wall, by day: {off:?}"));
     assert!(off.iter().all(|off| off.abs() < 0.01), "{off:?}");
 }
 

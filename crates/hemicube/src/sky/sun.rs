@@ -185,17 +185,17 @@ mod tests {
         }
     }
 
-    /// A city and a heap of triangles under suns of all heights: what is cut out is what rays find.
+    /// Cities under suns of all heights: what is cut out is what rays find.
     #[test]
     fn cuts_leave_what_rays_find_lit() {
         use crate::HierarchyOptions;
         use hemicube_scene::generate::{Generate, Kind, generate};
         use hemicube_scene::{Patches, Subdivision};
-        for kind in [Kind::City, Kind::Soup] {
+        for seed in [1, 2] {
             let spec = Generate {
-                kind,
+                kind: Kind::City,
                 target_patches: 300,
-                seed: 1,
+                seed,
             };
             let scene = generate(spec).expect("a scene");
             let patches = Patches::new(&scene, Subdivision::None).expect("patches");
