@@ -22,7 +22,8 @@ use hemicube_scene::{Axis, Budget, InputPatch};
 const SKIES_AT_ONCE: usize = 64;
 
 /// Rings of equal solid angle that a planet's disc is divided into, and parts of each. A choice: where a plane sees all
-/// of the disc, any number is exact; where its horizon cuts the disc, an edge-on plane errs by 0.07 % of the whole share, up to 64°.
+/// of the disc, any number is exact; where its horizon cuts the disc, an edge-on plane errs by 0.07 % of the whole
+/// share, for half angles up to 64°.
 const RINGS: usize = 12;
 const AROUND: usize = 32;
 
