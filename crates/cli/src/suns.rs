@@ -241,9 +241,9 @@ impl Suns {
                 }),
                 _ => None,
             };
-            let planet = match planet {
-                Some((towards, half_angle, [albedo, infrared])) if power(half_angle)? > 0.0 => {
-                    let degrees = power(half_angle)?;
+            let degrees = planet.and_then(|(_, half_angle, _)| given(half_angle)).transpose()?;
+            let planet = match (planet, degrees) {
+                (Some((towards, _, [albedo, infrared])), Some(degrees)) if degrees > 0.0 => {
                     if degrees > 90.0 {
                         return Err(at(line, anyhow!("the `half_angle` is {degrees}°, above 90°")));
                     }
