@@ -99,9 +99,10 @@ pub(crate) struct Planet {
 }
 
 impl Planet {
-    /// True if two are the same disc.
-    pub(crate) fn is_where(&self, other: &Self) -> bool {
-        self.direction == other.direction && self.half_angle == other.half_angle
+    /// The bits of its direction and half angle: planets that have the same are one disc.
+    pub(crate) fn place(&self) -> [u64; 4] {
+        let [x, y, z] = self.direction.to_array();
+        [x, y, z, self.half_angle].map(f64::to_bits)
     }
 }
 
@@ -184,6 +185,12 @@ impl Suns {
                 [column(&["albedo"]), column(&["infrared"])],
             )),
         };
+        if let Some((_, _, [None, None])) = planet {
+            return Err(hinted(
+                at(Some(1), anyhow!("there is a planet that sends nothing")),
+                "give it the column `albedo` or `infrared`, in W/m² of its surface",
+            ));
+        }
         if planet.is_none()
             && let Some(lone) = ["planet_x", "albedo", "infrared"]
                 .iter()
@@ -391,7 +398,11 @@ mod tests {
             ),
             ("x,y,z,direct,half_angle\n0,0,1,5,3\n", "there is no column `planet_x`"),
             (
-                "x,y,z,direct,half_angle,planet_x,planet_y,planet_z\n0,0,1,5,93,0,0,1\n",
+                "x,y,z,direct,half_angle,planet_x,planet_y,planet_z\n0,0,1,5,9,0,0,1\n",
+                "s.csv:1: there is a planet that sends nothing",
+            ),
+            (
+                "x,y,z,direct,half_angle,planet_x,planet_y,planet_z,albedo\n0,0,1,5,93,0,0,1,1\n",
                 "s.csv:2: the `half_angle` is 93°, above 90°",
             ),
             ("x,y,z,direct\n0,0,1\n", "has 3 fields where the header has 4"),

@@ -158,9 +158,8 @@ fn body(name: Option<&str>, normal: Option<DVec3>) -> PyResult<Body> {
 /// computed.
 ///
 /// `positions` are (m, 3), in the scene's coordinates. `body` is 'plane' (with `normals`, (m, 3)), 'sphere', 'cube'
-/// (six rows a point), 'person' (standing, six weighted sides), 'seated' (with
-/// `normals` facing along them) or 'cylinder' (upright); by default a plane with normals
-/// and a sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by
+/// (six rows a point), 'person' (standing, six weighted sides), 'seated' (with `normals` facing along them) or
+/// 'cylinder' (upright); by default a plane with normals and a sphere without. `up` is needed where the scene does not say. `tolerance` refines each row until it changes by
 /// no more than this share. `progress(done, total)` is called with numbers of points some times a second.
 ///
 /// `specular`, `specular_bound`, `symmetry`, `sector`, `periodic` and `repeats` are `compute`'s, and so is `band`, of

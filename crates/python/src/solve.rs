@@ -419,8 +419,8 @@ fn warn_unconverged(py: Python<'_>, solved: &Solved) -> PyResult<()> {
 ///
 /// Either `properties`, a dictionary as the program's file of materials (docs/heat.md): `{"default": {"emissivity":
 /// 0.9, "temperature": "20 °C"}, "object": {"floor": {"flux": 40}, "Zone 3*": {"heat": 500, "isothermal": True}},
-/// "material": {…}}`, with the conditions `temperature`, `adiabatic`, `flux` (W/m²), `heat` (W), `isothermal`
-/// and `body`.
+/// "material": {…}}`, with the conditions `temperature`, `adiabatic`, `flux` (W/m²), `heat` (W), `isothermal` and
+/// `body`.
 ///
 /// Or arrays: `emissivity` is a number or (n,), from 0 to 1; `temperature` in kelvin a number, (n,), or (n, k) for k
 /// right-hand sides at once. NaN is an adiabatic patch: it sends what it receives, whatever its emissivity, and its

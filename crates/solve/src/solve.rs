@@ -536,7 +536,8 @@ fn source(problem: &Problem, nodes: &[Node]) -> Block {
     source
 }
 
-/// Right-hand sides solved together where the matrix stays in memory: their vectors then stay in a processor's cache.
+/// Right-hand sides solved together where the matrix stays in memory. A choice: with more, their vectors leave a
+/// processor's cache, and fewer threads have a group; with fewer, the matrix is gone through more often.
 const TOGETHER: usize = 32;
 
 /// [`solve`], with patches coupled by nodes.
@@ -582,21 +583,27 @@ fn solve_coupled(
     };
     let mut failed: Option<(usize, SolveError)> = None;
     let (next, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let single = SolveOptions { threads: 1, ..options };
+    let workers = options.threads().clamp(1, groups.len().max(1));
+    let of_worker = SolveOptions {
+        threads: options.threads() / workers,
+        ..options
+    };
     std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::sync_channel(64);
-        for _ in 0..options.threads().clamp(1, groups.len().max(1)) {
+        for _ in 0..workers {
             let sender = sender.clone();
             let (groups, next, is_over, of_group) = (&groups, &next, &is_over, &of_group);
             scope.spawn(move || {
-                while let Some(group) = groups.get(next.fetch_add(1, Ordering::Relaxed)) {
+                loop {
+                    let place = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(group) = groups.get(place) else { break };
                     let mut tell = |step: Step| {
                         let told = sender.send(Told::Step(step));
                         told.is_ok() && !is_over.load(Ordering::Relaxed)
                     };
-                    let found = solve_together(factors, &of_group(group), coupling, single, &mut tell);
+                    let found = solve_together(factors, &of_group(group), coupling, of_worker, &mut tell);
                     let has_failed = found.is_err();
-                    let told = sender.send(Told::Group(group[0], found));
+                    let told = sender.send(Told::Group(place, found));
                     if has_failed || told.is_err() {
                         break;
                     }
@@ -611,19 +618,16 @@ fn solve_coupled(
                         is_over.store(true, Ordering::Relaxed);
                     }
                 }
-                Told::Group(first, Ok(found)) => {
-                    let group = groups.iter().find(|group| group[0] == first);
-                    whole.take(group.copied().unwrap_or_default(), &found);
-                }
+                Told::Group(place, Ok(found)) => whole.take(groups[place], &found),
                 // The first group's error, whichever thread was faster; after one, others are told to stop.
-                Told::Group(first, Err(error)) => {
+                Told::Group(place, Err(error)) => {
                     is_over.store(true, Ordering::Relaxed);
                     let is_interruption = |error: &SolveError| matches!(error, SolveError::Interrupted);
                     let is_before = failed.as_ref().is_none_or(|(other, of_other)| {
-                        is_interruption(of_other) || !is_interruption(&error) && first < *other
+                        is_interruption(of_other) || !is_interruption(&error) && place < *other
                     });
                     if is_before {
-                        failed = Some((first, error));
+                        failed = Some((place, error));
                     }
                 }
             }
@@ -632,7 +636,7 @@ fn solve_coupled(
     failed.map_or(Ok(whole), |(_, error)| Err(error))
 }
 
-/// What a thread tells of its group of right-hand sides, by the first of them.
+/// What a thread tells of its group of right-hand sides, by the group's place.
 enum Told {
     Step(Step),
     Group(usize, Result<Solution, SolveError>),

@@ -34,6 +34,17 @@ pub(super) fn is_json(path: &Path) -> Option<bool> {
     }
 }
 
+/// The one file of a model, in the form that its extension names.
+pub(super) fn path_of_model(faces: &Faces<'_>, path: &Path) -> Result<Vec<PathBuf>> {
+    match is_json(path) {
+        Some(_) => Ok(vec![path.to_owned()]),
+        None => Err(faces.unfit(
+            format!("`{}` does not say which form of model is wanted", path.display()),
+            "end OUT in `.idf` or `.epJSON`",
+        )),
+    }
+}
+
 impl SolverWriter for EnergyPlus {
     fn needs(&self) -> Needs {
         Needs {
@@ -44,13 +55,7 @@ impl SolverWriter for EnergyPlus {
     }
 
     fn paths(&self, faces: &Faces<'_>, path: &Path) -> Result<Vec<PathBuf>> {
-        match is_json(path) {
-            Some(_) => Ok(vec![path.to_owned()]),
-            None => Err(faces.unfit(
-                format!("`{}` does not say which form of model is wanted", path.display()),
-                "end OUT in `.idf` or `.epJSON`",
-            )),
-        }
+        path_of_model(faces, path)
     }
 
     fn forecast(&self, faces: &Faces<'_>, _: &Found, path: &Path) -> Result<Option<u64>> {

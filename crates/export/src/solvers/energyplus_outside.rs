@@ -10,13 +10,14 @@
 //! escapes, the sky rows beside the matrix tell what lies below the horizon. A surrounding surface has the temperature of
 //! a schedule by its name, which the model has to have: nothing here knows it.
 
-use super::energyplus::{is_json, names_are_good};
+use super::energyplus::{is_json, names_are_good, path_of_model};
 use super::{SolverJob, SolverWriter};
 use crate::faces::{Faces, Found, Grouping, Needs, Sums};
 use crate::write::Cancellable;
 use crate::{Result, UnfitStep};
 use hemicube_solve::analysis::zones::{GroupBy, surfaces_of};
 use hemicube_store::sky::StoredSky;
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -64,11 +65,10 @@ fn grounds(faces: &Faces<'_>) -> Result<Vec<f64>> {
             below[surface] += table.area[patch] * escaped * (ground / whole).min(1.0);
         }
     }
-    let of = |name: &str| {
-        let at = surfaces.iter().position(|surface| surface.name == name);
-        at.map_or(0.0, |at| if area[at] > 0.0 { below[at] / area[at] } else { 0.0 })
-    };
-    Ok(faces.faces.iter().map(|face| of(&face.name)).collect())
+    let shares = below.iter().zip(&area).map(|(below, area)| below / area);
+    let of_names: HashMap<&str, f64> = surfaces.iter().map(|surface| &*surface.name).zip(shares).collect();
+    let of = |name: &str| of_names.get(name).copied().filter(|share| share.is_finite());
+    Ok(faces.faces.iter().map(|face| of(&face.name).unwrap_or(0.0)).collect())
 }
 
 /// A surface's surroundings.
@@ -130,13 +130,7 @@ impl SolverWriter for EnergyPlusOutside {
     }
 
     fn paths(&self, faces: &Faces<'_>, path: &Path) -> Result<Vec<PathBuf>> {
-        match is_json(path) {
-            Some(_) => Ok(vec![path.to_owned()]),
-            None => Err(faces.unfit(
-                format!("`{}` does not say which form of model is wanted", path.display()),
-                "end OUT in `.idf` or `.epJSON`",
-            )),
-        }
+        path_of_model(faces, path)
     }
 
     fn forecast(&self, faces: &Faces<'_>, found: &Found, _: &Path) -> Result<Option<u64>> {

@@ -19,7 +19,7 @@ use hemicube_spatial::whole;
 const CELLS_MOST: u32 = 512;
 /// Bound of a view's entries: so many a surface, and so many more. Surfaces that cover one another by the thousand would
 /// fill cells with all of them; rays find those.
-const ENTRIES: [u64; 2] = [64, 1 << 20];
+const ENTRIES: [u64; 2] = [16, 1 << 20];
 /// Bound of the pieces that a patch is cut into: beyond, rays are cheaper.
 const PIECES_MOST: usize = 96;
 /// Corners of a piece. Each cut adds one at most; pieces with more are left to rays.

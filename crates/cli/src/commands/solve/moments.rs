@@ -15,7 +15,7 @@ use crate::report::counted;
 use crate::suns::{Moment, Suns};
 use crate::table::{Head, Located, head, told};
 use anyhow::{Context, Result, anyhow, bail};
-use hemicube::solve::{ArrayFile, Block, Heat, SolveError, Temperature};
+use hemicube::solve::{ArrayFile, Block, Heat, STEFAN_BOLTZMANN, SolveError, Temperature};
 use hemicube::store::{Manifest, PatchTable};
 use hemicube_scene::globs::Patterns;
 use std::collections::BTreeMap;
@@ -58,8 +58,9 @@ pub(super) struct Moments {
     absorbed: Vec<Vec<f64>>,
     /// Temperatures of the sky by the suns' table, K, a moment each; empty where it does not hold.
     skies: Vec<f64>,
-    /// Infrared irradiance of each patch from a planet, in W/m², a moment each; empty without any.
-    infrared: Vec<Vec<f64>>,
+    /// A planet's infrared, W/m² of its surface, and what arrives on each patch of a radiosity of 1, a moment each;
+    /// empty without infrared.
+    planets: Vec<(f64, Vec<f64>)>,
     names: Vec<String>,
 }
 
@@ -122,7 +123,7 @@ impl Moments {
             temperatures,
             absorbed: Vec::new(),
             skies: Vec::new(),
-            infrared: Vec::new(),
+            planets: Vec::new(),
             names,
         })
     }
@@ -145,9 +146,9 @@ impl Moments {
         }
         let of = |(at, moment): (usize, &Moment)| {
             let sent = moment.planet.map_or(0.0, |planet| planet.infrared);
-            planets.column(at).map(|factor| sent * factor).collect()
+            (sent, planets.column(at).collect())
         };
-        self.infrared = suns.moments.iter().enumerate().map(of).collect();
+        self.planets = suns.moments.iter().enumerate().map(of).collect();
     }
 
     /// Number of moments.
@@ -163,25 +164,29 @@ impl Moments {
     /// The exchange at the temperatures of a moment.
     pub(super) fn at(&self, moment: usize, heat: &Heat, surroundings: &Surroundings) -> Result<Heat> {
         let mut found = heat.clone();
+        let mut sky = surroundings.ambient;
         let place = if self.skies.len() == 1 { 0 } else { moment };
         if let Some(&kelvin) = self.skies.get(place) {
-            surroundings.surround(&mut found, kelvin);
+            sky = kelvin;
+            surroundings.surround(&mut found, sky);
         }
         if let Some(table) = &self.temperatures {
             if let Some(kelvin) = table.outside(moment) {
-                surroundings.surround(&mut found, kelvin);
+                sky = kelvin;
+                surroundings.surround(&mut found, sky);
             }
             found = found
                 .with_temperatures(&table.of(moment, f64::NAN)?)
                 .map_err(|error| table.told(error))?;
         }
-        let place = if self.infrared.len() == 1 { 0 } else { moment };
-        if let Some(infrared) = self.infrared.get(place) {
-            let outside = found.outside.get_or_insert_with(|| vec![0.0; infrared.len()]);
-            outside
-                .iter_mut()
-                .zip(infrared)
-                .for_each(|(outside, infrared)| *outside += infrared);
+        let place = if self.planets.len() == 1 { 0 } else { moment };
+        if let Some((infrared, factors)) = self.planets.get(place) {
+            // It stands before the sky.
+            let more = infrared - STEFAN_BOLTZMANN * sky.powi(4);
+            let outside = found.outside.get_or_insert_with(|| vec![0.0; factors.len()]);
+            for (outside, factor) in outside.iter_mut().zip(factors) {
+                *outside += more * factor;
+            }
         }
         Ok(found)
     }

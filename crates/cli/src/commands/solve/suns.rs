@@ -17,6 +17,7 @@ use hemicube::sky::{Glazed, SUN_ERROR, SkyDivision, sky_product, sunlight, sunli
 use hemicube::solve::Block;
 use hemicube::store::{RowTable, Store};
 use hemicube_scene::{Axis, Budget, InputPatch};
+use std::collections::HashMap;
 
 /// Moments whose skies are multiplied with the sky rows at a time.
 const SKIES_AT_ONCE: usize = 64;
@@ -209,18 +210,18 @@ impl<'a> Lit<'a> {
     }
 
     /// The irradiance of each patch from the planet of each moment, of a radiosity of 1: a row a patch, a column a
-    /// moment. `None` without planets.
+    /// moment. `None` without planets. Each disc takes as long as [`RINGS`] · [`AROUND`] suns.
     ///
     /// # Errors
     /// When there is not the memory for it, or the scene is too large.
     pub(super) fn planets(&self, suns: &Suns, patches: usize) -> Result<Option<Block>> {
-        // Satellites that look down always have one planet at one place.
+        // A satellite that looks down always has one planet at one place.
         let mut discs: Vec<Planet> = Vec::new();
         let mut disc_of = Vec::with_capacity(suns.len());
+        let mut known: HashMap<[u64; 4], usize> = HashMap::new();
         for moment in &suns.moments {
             disc_of.push(moment.planet.map(|planet| {
-                let known = discs.iter().position(|disc| disc.is_where(&planet));
-                known.unwrap_or_else(|| {
+                *known.entry(planet.place()).or_insert_with(|| {
                     discs.push(planet);
                     discs.len() - 1
                 })
