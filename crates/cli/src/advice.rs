@@ -113,6 +113,10 @@ fn of_export(step: &UnfitStep, store: &Path) -> String {
         UnfitStep::CloseScene => {
             "close the scene: `hemicube inspect SCENE` names its holes and surfaces that face outwards".to_owned()
         }
+        UnfitStep::ComputeSky => {
+            format!("`hemicube sky SCENE --matrix {store}` computes it, with `--up` where the scene does not say")
+        }
+        UnfitStep::ByName => "leave `--by` out, or take `--by material`".to_owned(),
         UnfitStep::CutOrExclude => {
             "a facet that is covered in part, as ground that goes on under a house, has a row of no use: cut it along the \
              house in the modeller, or `compute --exclude NAME` where it is an object; `hemicube inspect` names what \

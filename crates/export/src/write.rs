@@ -107,6 +107,10 @@ pub enum UnfitStep {
     Check,
     /// Close the scene: see where its holes are.
     CloseScene,
+    /// Compute sky rows beside the matrix.
+    ComputeSky,
+    /// Take surfaces by objects or materials, which have names.
+    ByName,
     /// Cut facets that others cover in part, leave them out, or turn those that face inwards.
     CutOrExclude,
 }

@@ -58,6 +58,8 @@ pub(crate) fn of_export(step: &UnfitStep) -> String {
         UnfitStep::Reciprocate => "make it reciprocal: the program's `hemicube balance` does",
         UnfitStep::Check => "`check` says what it has",
         UnfitStep::CloseScene => "close the scene: `inspect` names its holes and surfaces that face outwards",
+        UnfitStep::ComputeSky => "compute sky rows beside it: the program's `hemicube sky SCENE` does, with the matrix named",
+        UnfitStep::ByName => "take surfaces by objects or materials",
         UnfitStep::CutOrExclude => {
             "a facet that is covered in part, as ground that goes on under a house, has a row of no use: cut it along the \
              house in the modeller, or `exclude` its object; `flip` turns what faces inwards"

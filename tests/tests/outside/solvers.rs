@@ -272,6 +272,17 @@ fn energyplus_reads_sky_ground_and_surfaces_around_exterior_surfaces() {
         .line("export S --for energyplus-outside --zone Z -o zone.idf")
         .is(2)
         .says(&["`--zone` has no meaning"]);
+    // The yard sees the back of a wall that faces away: no view factor has it.
+    place.write(
+        "back.obj",
+        "v 0 0 0\nv 8 0 0\nv 8 8 0\nv 0 8 0\nv 0 0 6\nv 0 8 6\no yard\nf 1 2 3 4\no wall\nf 1 5 6 4\n",
+    );
+    place.line("compute back.obj -o B --split 4 --quiet").is(0);
+    place.line("sky back.obj --matrix B --up z").is(0);
+    place
+        .line("export B --for energyplus-outside -o back.idf")
+        .is(0)
+        .says(&["backs of one-sided surfaces are in no view factor", "`yard` most"]);
 }
 
 #[test]

@@ -23,6 +23,9 @@ use std::path::{Path, PathBuf};
 
 /// View factors that are left out: the file's digits.
 const LEAST: f64 = 5e-7;
+/// Share of backs in a surface's view from which on it is said: they are neither sky nor ground nor a surface. A choice:
+/// with less, errors of the matrix are named; with more, surfaces that see less than is written are not.
+const BACKS: f64 = 0.01;
 const SURROUNDINGS: &str = "SurfaceProperty:SurroundingSurfaces";
 const ENVIRONMENT: &str = "SurfaceProperty:LocalEnvironment";
 
@@ -31,19 +34,13 @@ pub(crate) struct EnergyPlusOutside;
 /// The share of each face's view that leaves the scene below the horizon.
 fn grounds(faces: &Faces<'_>) -> Result<Vec<f64>> {
     let Grouping::By(by @ (GroupBy::Object | GroupBy::Material)) = faces.grouping else {
-        return Err(faces.unfit(
-            "EnergyPlus knows surfaces by their names",
-            "leave `--by` out, or name objects",
-        ));
+        return Err(faces.unfit("EnergyPlus knows surfaces by their names", UnfitStep::ByName));
     };
     let store = faces.store;
     let sky = StoredSky::beside(store).map_err(|error| {
         faces.unfit(
             format!("what of the view is sky, and what ground, is not known ({error})"),
-            UnfitStep::Words(format!(
-                "`hemicube sky SCENE --matrix {}` computes it, with `--up` where the scene does not say",
-                store.directory().display()
-            )),
+            UnfitStep::ComputeSky,
         )
     })?;
     let (table, shares) = (store.patches()?, store.row_table()?);
@@ -169,11 +166,25 @@ impl SolverWriter for EnergyPlusOutside {
         job.put(files, 0, format!("{model:#}\n").as_bytes())
     }
 
-    fn next(&self, _: &Faces<'_>, _: &Found, paths: &[PathBuf]) -> String {
-        format!(
+    fn next(&self, faces: &Faces<'_>, _: &Found, paths: &[PathBuf]) -> String {
+        let mut text = format!(
             "EnergyPlus: add the objects of `{}` to the model, and a schedule `NAME temperature` (°C) for each surface that \
              another sees; leave out surfaces that are not the model's",
             paths[0].display()
-        )
+        );
+        let blocked = || faces.faces.iter().filter(|face| face.blocked > BACKS);
+        if let Some(most) = blocked().max_by(|a, b| a.blocked.total_cmp(&b.blocked)) {
+            // Writing to a string cannot fail.
+            let _ = write!(
+                text,
+                "; backs of one-sided surfaces are in no view factor: of {} surfaces they fill more than {} % of the view, \
+                 `{}` most, {:.1} %",
+                blocked().count(),
+                100.0 * BACKS,
+                most.name,
+                100.0 * most.blocked
+            );
+        }
+        text
     }
 }
