@@ -327,7 +327,7 @@ fn sets_surfaces_instances_and_files_of_abaqus() {
     assert_eq!(by_object(&both)["up"].1, 12.0 * DVec3::Z);
     assert_eq!(by_object(&both)["down"].1, -12.0 * DVec3::Z);
     assert_eq!(both.ledger.get("edge of a shell in a surface, left out"), 1);
-    // Listed numbers before the sets of elements; all of `b` only for materials.
+    // A set of all elements comes last; all of `b` only for materials.
     let sets = scene("ok-sets.inp");
     assert_eq!(objects(&sets), ["floor", "floor", "a", "a"]);
     assert_eq!(sets.materials[sets.triangles[3].material as usize].name, "paint");
@@ -353,6 +353,22 @@ fn sets_surfaces_instances_and_files_of_abaqus() {
         1.0
     );
     assert_eq!(by_object(&own)["t"], (24.0, DVec3::ZERO));
+}
+
+#[test]
+fn the_first_set_of_an_element_names_it_and_others_are_further_names() {
+    let deck = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n*ELEMENT, TYPE=S3, ELSET=floor\n1,1,2,3\n2,1,3,4\n\
+        *ELEMENT, TYPE=S3, ELSET=roof\n3,1,3,2\n*ELSET, ELSET=warm\n2, 3\n";
+    let scene = abaqus::read(deck.as_bytes(), None, ReadOptions::default()).unwrap();
+    assert_eq!(objects(&scene), ["floor", "floor + warm", "roof"]);
+    let further: Vec<(u32, &[String])> = scene.further_names.iter().map(|(&at, names)| (at, &**names)).collect();
+    let [floor, warm] = ["floor", "warm"].map(str::to_owned);
+    assert_eq!(further, [(1, &[floor, warm.clone()][..]), (2, &[warm])]);
+    // What Gmsh calls a surface of its model is no name that a person gave.
+    let gmsh = deck.replace("=floor", "=Surface1").replace("=roof", "=Surface20");
+    let scene = abaqus::read(gmsh.as_bytes(), None, ReadOptions::default()).unwrap();
+    assert_eq!(objects(&scene), ["Surface1", "warm", "warm"]);
+    assert!(scene.further_names.is_empty(), "{:?}", scene.further_names);
 }
 
 #[test]

@@ -12,8 +12,10 @@
 //! - without surfaces, shells: a face each, quadrilaterals too; its number is the element's position among the shells
 //!   and solids of the file, from 0
 //! - without surfaces and shells, solids: the sides that belong to one of them only, turned out of it
-//! - an element's object without surfaces: the first `*ELSET` in the file that lists its number; otherwise the set
-//!   of its `*ELEMENT`; otherwise a set made of sets. A set of all elements comes last
+//! - an element's object without surfaces: the first set in the file that it is in, by its `*ELEMENT` or by an
+//!   `*ELSET` that lists its number; further ones are further names. Otherwise a set of a surface in Gmsh's model
+//!   (`Surface7`), which stands before the groups of a file of Gmsh; otherwise a set made of sets. A set of all
+//!   elements comes last
 //! - shells: `S3` to `S9`, `STRI3`, `STRI65`, `DS3` to `DS8`, membranes `M3D3` to `M3D9`, `SFM3D…`, rigid `R3D3` and
 //!   `R3D4`, plane `CPS…`, `CPE…` and `DC2D…`, as which Gmsh writes surfaces, and axisymmetric `CAX…`, as which meshio
 //!   writes quadrilaterals, with a warning. Solids: `C3D…`, `DC3D…`, `AC3D…`, `SC6`, `SC8` of 4, 5, 6, 8, 10, 13, 15,

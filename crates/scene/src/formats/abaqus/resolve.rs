@@ -13,6 +13,13 @@ use std::collections::{BTreeMap, HashSet};
 /// No object yet.
 const FREE: u32 = u32::MAX;
 
+/// Returns whether Gmsh made a name, for the elements of an entity of its model: `Surface7`. Groups that a person named
+/// follow in its files, and go before it.
+fn is_of_an_entity(name: &str) -> bool {
+    let number = ["Surface", "Volume"].iter().find_map(|kind| name.strip_prefix(kind));
+    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
 pub(super) fn scene(mut model: Model, bounds: Bounds) -> Result<Scene, Error> {
     place_parts(&mut model);
     let numbers: Result<Vec<Tags>, Error> = model
@@ -281,9 +288,10 @@ impl Resolver {
             };
             for at in sets {
                 let set = &self.model.sets[at];
+                let is_named = set.lists || set.of_elements && !is_of_an_entity(&set.name);
                 let due = match pass {
-                    0 => set.lists && !set.internal,
-                    1 => set.of_elements && !set.lists,
+                    0 => is_named && !set.internal,
+                    1 => set.of_elements && !set.lists && (set.internal || !is_named),
                     _ => true,
                 };
                 if !due {
