@@ -450,6 +450,7 @@ fn formats() -> Vec<(&'static str, String, Vec<Change>)> {
                     "BuildingSurface:Detail,east",
                 ),
                 ("a surface of air", "west,Wall,C", "west,Wall,Open"),
+                ("two surfaces of one name", "Detailed,west", "Detailed,east"),
                 ("shading without corners", "", "Shading:Overhang,o,west,0,90,0,0,1;\n"),
                 (
                     "a window against its wall",

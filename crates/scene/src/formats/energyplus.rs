@@ -11,7 +11,8 @@
 //! - `FenestrationSurface:Detailed` (windows, doors): a face, cut out of its wall, facing as the wall
 //! - a wall between two zones: the two surfaces of EnergyPlus, back to back, each facing its zone
 //! - `Shading:Site:Detailed`, `Shading:Building:Detailed`, `Shading:Zone:Detailed`: a face with two sides
-//! - the object is the surface's name, the material its construction, `shading` for shading
+//! - the object is the surface's name, the material its construction, `shading` for shading. Where several have one name,
+//!   they are numbered, `NAME 1`, and that is said; the first zone of a name stands for all of that name, which is said
 //! - surfaces with `Construction:AirBoundary`: left out, because radiation passes through them
 //! - `GlobalGeometryRules`: coordinates relative to zones (turned by the zone's and the building's north, moved to the
 //!   zone's origin) or of the world; clockwise or counterclockwise. Its starting corner does not matter here

@@ -209,6 +209,38 @@ fn errors_name_the_line_the_surface_and_the_way_out() {
 }
 
 #[test]
+fn surfaces_and_zones_of_one_name_are_said() {
+    let text = "GlobalGeometryRules,, Counterclockwise, Relative;\nZone, a, 0, 0, 0, 0;\nZone, A, 0, 5, 0, 0;\n\
+        Wall:Detailed, w, , a, , , , , , , , 0,0,0, 4,0,0, 4,0,3, 0,0,3;\n\
+        Floor:Detailed, floor, , a, , , , , , , , 0,0,0, 0,3,0, 4,3,0, 4,0,0;\n\
+        Wall:Detailed, W, , a, , , , , , , , 0,9,0, 4,9,0, 4,9,3, 0,9,3;\n\
+        FenestrationSurface:Detailed, pane, , , w, , , , , , 1,0,1, 2,0,1, 2,0,2, 1,0,2;\n";
+    let read = |text: &str| energyplus::read(text.as_bytes(), None, ReadOptions::default()).expect("a building");
+    let scene = read(text);
+    // The first wall has the window, the first zone the surfaces.
+    assert_eq!(scene.objects, ["w 1", "pane", "floor", "W 2"]);
+    assert!(
+        near(vector(&scene, "w 1"), 11.0 * DVec3::Y),
+        "{}",
+        vector(&scene, "w 1")
+    );
+    assert!(scene.triangles.iter().all(|t| t.corners.iter().all(|p| p.x <= 4.0)));
+    let losses: Vec<String> = scene.ledger.losses().map(|(what, loss)| loss.sentence(what)).collect();
+    assert_eq!(
+        losses,
+        [
+            "doubtful: 2 × surface without a name of its own, numbered as the file has them (the first: `w`, line 4); \
+             give the surfaces names where properties are to tell them apart",
+            "merged: 1 × zone of a name that another has, taken as the first (line 3); give each zone a name of its \
+             own, and its surfaces that name",
+        ]
+    );
+    let alone = read(&text.replace("Zone, A, 0, 5, 0, 0;\n", "").replace(", W, ", ", v, "));
+    assert_eq!(alone.ledger.losses().count(), 0, "{}", alone.ledger);
+    assert_eq!(alone.objects, ["w", "pane", "floor", "v"]);
+}
+
+#[test]
 fn windows_that_cross_are_cut_in_time_or_refused() {
     for (windows, size) in [(4000_usize, 90), (4000, 2000), (6000, 90)] {
         let mut text = "GlobalGeometryRules,, Counterclockwise, World;\nZone, z;\n\

@@ -6,6 +6,7 @@ use crate::names::Names;
 use crate::openings::{cut, turn_with, vector_area};
 use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, Scene, Triangle};
 use glam::{DVec2, DVec3};
+use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 
 /// A class of EnergyPlus objects that matters here.
@@ -218,6 +219,58 @@ impl Building {
         self.ledger.lose(Kind { fate, what, next }, 1, None, || place);
     }
 
+    /// Adds a zone; the first of a name stands for all of that name, as their surfaces cannot be told apart.
+    pub(super) fn add_zone(&mut self, name: &str, zone: Zone, place: impl FnOnce() -> String) {
+        match self.zones.entry(name.trim().to_uppercase()) {
+            Entry::Vacant(entry) => {
+                entry.insert(zone);
+            }
+            Entry::Occupied(_) => {
+                let kind = Kind {
+                    fate: Fate::Merged,
+                    what: "zone of a name that another has, taken as the first",
+                    next: "give each zone a name of its own, and its surfaces that name",
+                };
+                self.ledger.lose(kind, 1, None, place);
+            }
+        }
+    }
+
+    /// Numbers surfaces, openings and shading that share a name.
+    fn number_names(&mut self) {
+        let shading = self.shading.iter_mut().map(|(_, face)| face);
+        let all = self.surfaces.iter_mut().chain(&mut self.openings).chain(shading);
+        let mut faces: Vec<(usize, &mut Face)> = all.enumerate().collect();
+        fn key(face: &Face) -> impl Iterator<Item = char> + '_ {
+            face.name.trim().chars().flat_map(char::to_uppercase)
+        }
+        // Stable: those of one name stay in the order of the file.
+        faces.sort_by(|(_, a), (_, b)| key(a).cmp(key(b)));
+        let mut count = 0;
+        let mut first: Option<(usize, String)> = None;
+        for same in faces.chunk_by_mut(|(_, a), (_, b)| key(a).eq(key(b))) {
+            if same.len() < 2 {
+                continue;
+            }
+            count += same.len() as u64;
+            for (number, (at, face)) in (1..).zip(same) {
+                if first.as_ref().is_none_or(|(before, _)| *at < *before) {
+                    first = Some((*at, face.place()));
+                }
+                face.name = match face.name.trim() {
+                    "" => format!("surface {number}"),
+                    name => format!("{name} {number}"),
+                };
+            }
+        }
+        let kind = Kind {
+            fate: Fate::Doubtful,
+            what: "surface without a name of its own, numbered as the file has them",
+            next: "give the surfaces names where properties are to tell them apart",
+        };
+        self.ledger.lose(kind, count, None, || first.unwrap_or_default().1);
+    }
+
     /// Records an object of a class that EnergyPlus has not, with corners.
     pub(super) fn doubt(&mut self, class: &str, place: String) {
         let what = format!("object of class `{}` with corners, not read", shown(class));
@@ -239,7 +292,8 @@ impl Building {
         let mut walls: HashMap<String, usize> = HashMap::new();
         if !self.openings.is_empty() || self.shading.iter().any(|(class, _)| *class == Class::ZoneShading) {
             let named = self.surfaces.iter().enumerate();
-            walls.extend(named.map(|(at, wall)| (key(&wall.name), at)));
+            // Of several walls of one name the first has the openings.
+            named.for_each(|(at, wall)| _ = walls.entry(key(&wall.name)).or_insert(at));
         }
         let mut openings: Vec<Vec<usize>> = vec![Vec::new(); self.surfaces.len()];
         for (at, opening) in self.openings.iter_mut().enumerate() {
@@ -272,6 +326,7 @@ impl Building {
                 turn_with(&wall.corners, &mut opening.corners, &mut self.ledger, || place);
             }
         }
+        self.number_names();
         let mut builder = Builder::default();
         // A hole is tied to its outline by two edges.
         let openings_corners = self.openings.iter().map(|face| 2 * face.corners.len());

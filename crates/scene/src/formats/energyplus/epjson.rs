@@ -261,7 +261,7 @@ fn enter(building: &mut Building, class: Class, name: String, fields: Fields) ->
                     number(&fields.z_origin),
                 ),
             };
-            building.zones.insert(name.trim().to_uppercase(), zone);
+            building.add_zone(&name, zone, || format!("`{}`", shown(&name)));
         }
         Class::Surface | Class::Wall => building.surfaces.push(face(name, fields, |fields| &fields.zone_name)?),
         Class::Opening => {

@@ -156,7 +156,7 @@ impl Object<'_> {
                     north: self.number(1)?,
                     origin: DVec3::new(self.number(2)?, self.number(3)?, self.number(4)?),
                 };
-                building.zones.insert(self.text(0).to_uppercase(), zone);
+                building.add_zone(self.text(0), zone, || format!("line {}", self.line));
             }
             // The first number of fields before the corners is today's; the other has a field less or more.
             Class::Surface => building.surfaces.push(self.face(2, 3, [11, 10])?),
