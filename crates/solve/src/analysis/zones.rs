@@ -7,7 +7,7 @@
 //! (Siegel & Howell 2002, *Thermal Radiation Heat Transfer*, view-factor algebra). Sums are over the stored matrix:
 //! with reciprocal and closed patches, zones are reciprocal and closed.
 
-use hemicube_scene::is_unseen;
+use hemicube_scene::{Budget, NoRoom, is_unseen};
 use hemicube_store::PatchKind;
 use hemicube_store::{DurableFile, Error, Manifest, PatchTable, Result, Store};
 use serde::Serialize;
@@ -196,8 +196,10 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     let table = store.patches()?;
     let (mut zones, zone_of) = zones_of(&table, names_of(store.manifest()), by);
     let lost = store.row_table()?;
-    // Rows come in the order of patches: every sum has one order.
+    // Rows come in the order of patches: every sum has one order. A zone is kept as a list once its last row is in: a
+    // table of sums takes more room.
     let mut sums: Vec<HashMap<u32, f64>> = vec![HashMap::new(); zones.len()];
+    let mut kept = Kept::default();
     let mut computed = vec![0u32; zones.len()];
     let mut of_row: HashMap<u32, f64> = HashMap::new();
     for row in store.rows()? {
@@ -216,8 +218,18 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
         zones[zone].escaped += part(&lost.escaped);
         zones[zone].blocked += part(&lost.blocked);
         zones[zone].unselected += part(&lost.unselected);
+        if computed[zone] == zones[zone].patches {
+            let area = zones[zone].area;
+            zones[zone].factors = kept.list(std::mem::take(&mut sums[zone]), area).map_err(|refused| {
+                Error::unsupported(
+                    store.directory(),
+                    format!("cannot be added up here: {refused}; add up by fewer zones"),
+                )
+            })?;
+        }
     }
-    for ((zone, sums), computed) in zones.iter_mut().zip(sums).zip(computed) {
+    drop(sums);
+    for (zone, computed) in zones.iter_mut().zip(computed) {
         if computed > 0 && computed < zone.patches {
             return Err(Error::unsupported(
                 store.directory(),
@@ -230,14 +242,44 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
         if computed == 0 {
             (zone.escaped, zone.blocked, zone.unselected) = (f64::NAN, f64::NAN, f64::NAN);
         } else if zone.area > 0.0 {
-            zone.factors = sums.into_iter().map(|(to, sum)| (to, sum / zone.area)).collect();
-            zone.factors.sort_unstable_by_key(|&(to, _)| to);
             for lost in [&mut zone.escaped, &mut zone.blocked, &mut zone.unselected] {
                 *lost /= zone.area;
             }
         }
     }
     Ok(zones)
+}
+
+/// The factors of zones whose rows are all in: memory is asked for a stretch at a time, as nobody knows how many there
+/// will be.
+#[derive(Default)]
+struct Kept {
+    budget: Budget,
+    /// Factors that may yet be kept before memory is asked for again.
+    left: usize,
+}
+
+impl Kept {
+    /// Factors of each stretch.
+    const STRETCH: usize = 1 << 20;
+
+    /// The factors of a zone, ascending by zone.
+    fn list(&mut self, sums: HashMap<u32, f64>, area: f64) -> std::result::Result<Vec<(u32, f64)>, NoRoom> {
+        if area <= 0.0 {
+            return Ok(Vec::new());
+        }
+        if sums.len() > self.left {
+            let more = sums.len().max(Self::STRETCH);
+            let bytes = (more * size_of::<(u32, f64)>()) as u64;
+            self.budget
+                .require(bytes, "a further part of the form factors between zones")?;
+            self.left = more;
+        }
+        self.left -= sums.len();
+        let mut factors: Vec<(u32, f64)> = sums.into_iter().map(|(to, sum)| (to, sum / area)).collect();
+        factors.sort_unstable_by_key(|&(to, _)| to);
+        Ok(factors)
+    }
 }
 
 /// A file format for zones.
@@ -465,6 +507,24 @@ mod tests {
         assert_eq!(
             lines[1..],
             ["2 4", "0.000000 0.500000", "0.250000 0.125000", "0.900 0.999"]
+        );
+    }
+
+    #[test]
+    fn factors_are_kept_in_order_while_there_is_room() {
+        let sums = || HashMap::from([(7, 2.0), (1, 4.0)]);
+        let mut kept = Kept::default();
+        assert_eq!(kept.list(sums(), 4.0), Ok(vec![(1, 1.0), (7, 0.5)]));
+        assert_eq!(kept.left, Kept::STRETCH - 2);
+        assert_eq!(kept.list(sums(), 0.0), Ok(Vec::new()));
+        let mut none = Kept {
+            budget: Budget::new(Some(1)),
+            left: 0,
+        };
+        let refused = none.list(sums(), 4.0).expect_err("a byte is allowed");
+        assert!(
+            refused.to_string().starts_with("a further part of the form factors"),
+            "{refused}"
         );
     }
 
