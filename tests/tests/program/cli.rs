@@ -405,6 +405,15 @@ fn the_report_has_every_field() {
 }
 
 #[test]
+fn one_patch_is_no_plural() {
+    let place = Place::new();
+    place.write("one.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    place
+        .line("view hemicube one.obj --patch 7 -o v.png --config=none")
+        .fails_with(&["the scene has 1 patch, from 0 on"]);
+}
+
+#[test]
 fn stores_do_not_depend_on_threads_batches_and_culling() {
     let place = Place::new();
     place.line("generate city --patches 2000 -o city.obj").is(0);

@@ -8,7 +8,7 @@ use crate::help::examples;
 use crate::outputs::Paths;
 use crate::picture::sheet::Format;
 use crate::progress::Bar;
-use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, figures};
+use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, figures};
 use anyhow::{Context, Result};
 use clap::Args;
 use hemicube::analysis::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
@@ -148,9 +148,9 @@ fn picture(found: &Comparison, rows: &[RowDifference], matrix: &Matrix, argument
     Ok(Picture {
         title: format!("{matrix_name} against {reference_name}"),
         subtitle: format!(
-            "{} rows of {} patches; over the whole matrix the relative Frobenius error is {}",
-            count(found.rows_compared),
-            count(u64::from(found.patch_count)),
+            "{} of {}; over the whole matrix the relative Frobenius error is {}",
+            counted(found.rows_compared, "row"),
+            counted(u64::from(found.patch_count), "patch"),
             self::relative(found.relative_frobenius)
         ),
         measured: relative.iter().map(|row| row.relative()).collect(),

@@ -1191,9 +1191,9 @@ fn summary(report: &Report, finished: &Finished) -> String {
     let rows = if report.rows == patches {
         format!("{} × {}", count(patches), count(patches))
     } else if report.rows == report.row_count {
-        format!("{} of {} rows", count(report.rows), count(patches))
+        format!("{} of {}", count(report.rows), counted(patches, "row"))
     } else {
-        format!("{} of {} rows so far", count(report.rows), count(report.row_count))
+        format!("{} of {} so far", count(report.rows), counted(report.row_count, "row"))
     };
     let form = match report.form {
         Form::Plain => "",

@@ -771,10 +771,10 @@ impl<'a> Task<'a> {
         if let (Some(array), Some(path)) = (&emission, &arguments.emission) {
             if array.columns() != u64::from(store.patch_count()) {
                 bail!(
-                    "`{}` has {} columns, and the matrix {} patches: one row a right-hand side is needed",
+                    "`{}` has {}, and the matrix {}: one row a right-hand side is needed",
                     path.display(),
-                    array.columns(),
-                    store.patch_count()
+                    counted(array.columns(), "column"),
+                    counted(store.patch_count().into(), "patch")
                 );
             }
             require_bands(array, path, &bands)?;
@@ -934,10 +934,10 @@ fn keep(writer: &mut SolutionWriter, solution: &Solution, temperature: Option<&[
 fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()> {
     if array.rows() == 0 || !array.rows().is_multiple_of(bands.len() as u64) {
         bail!(
-            "`{}` has {} rows, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials \
+            "`{}` has {}, which is no multiple of the {} bands; `bands = [\"all\"]` in the file of materials \
              makes one",
             path.display(),
-            array.rows(),
+            counted(array.rows(), "row"),
             bands.len()
         );
     }

@@ -3,7 +3,7 @@
 use super::{Arguments, interruptible};
 use crate::args::Talk;
 use crate::exit::{Exit, hinted};
-use crate::report::{self, JsonReport, SCHEMA, count, counted, size};
+use crate::report::{self, JsonReport, SCHEMA, counted, size};
 use anyhow::{Context, Result, anyhow};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
@@ -143,8 +143,8 @@ pub(super) fn run(arguments: &Arguments, program: &str, json: Option<JsonReport>
         None => String::new(),
     };
     talk.say(&format!(
-        "{rows}, {} entries; rows sum to {:.6} to {:.6}{reciprocity}",
-        count(found.found.entries),
+        "{rows}, {}; rows sum to {:.6} to {:.6}{reciprocity}",
+        counted(found.found.entries, "entry"),
         found.found.sums[0],
         found.found.sums[1]
     ));

@@ -1,6 +1,6 @@
 //! Scenes and matrices in a folder, to choose from.
 
-use crate::report::{count, percent};
+use crate::report::{counted, percent};
 use hemicube::store::{Form, Manifest, Store};
 use hemicube_scene::Format;
 use hemicube_scene::up::Up;
@@ -198,8 +198,8 @@ fn about(manifest: &Manifest) -> String {
         words.push("balanced".to_owned());
     }
     words.push(format!(
-        "{} patches of {}",
-        count(manifest.patch_count.into()),
+        "{} of {}",
+        counted(manifest.patch_count.into(), "patch"),
         manifest.scene.file
     ));
     words.join(", ")

@@ -628,9 +628,9 @@ pub(super) fn below_horizon(arguments: &Arguments, store: &Store, escaped: &[f64
     let sky = StoredSky::open(&path)?;
     if sky.rows() != escaped.len() {
         bail!(
-            "`{}` is of {} patches, and the matrix of {}",
+            "`{}` is of {}, and the matrix of {}",
             path.display(),
-            sky.rows(),
+            counted(sky.rows() as u64, "patch"),
             escaped.len()
         );
     }

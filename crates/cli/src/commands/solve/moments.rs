@@ -243,10 +243,10 @@ impl Table {
             let array = ArrayFile::open(path)?;
             if array.columns() != patches.len() as u64 {
                 bail!(
-                    "`{}` has {} columns, and the matrix {} patches: one row a moment is needed",
+                    "`{}` has {}, and the matrix {}: one row a moment is needed",
                     path.display(),
-                    array.columns(),
-                    patches.len()
+                    counted(array.columns(), "column"),
+                    counted(patches.len() as u64, "patch")
                 );
             }
             return Ok(Self {

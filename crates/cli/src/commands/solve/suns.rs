@@ -93,9 +93,9 @@ pub(super) fn skylight(
         let product = sky_product(&path, &vectors)?;
         if product.patches() != patches {
             bail!(
-                "`{}` is of {} patches, and the matrix of {patches}",
+                "`{}` is of {}, and the matrix of {patches}",
                 path.display(),
-                product.patches()
+                counted(product.patches() as u64, "patch")
             );
         }
         for patch in 0..patches {

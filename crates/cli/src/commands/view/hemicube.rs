@@ -7,7 +7,7 @@ use crate::exit::Exit;
 use crate::picture::canvas::{Anchor, Canvas, Format, NOTHING, Rect, WHITE, scale_color};
 use crate::picture::raster::Lens;
 use crate::prepare::{Prepared, prepare};
-use crate::report::{count, figures, percent};
+use crate::report::{counted, figures, percent};
 use crate::{portals, stored};
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
@@ -171,9 +171,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let patches = prepared.grouping.as_ref().map_or(prepared.patches.len(), Grouping::len);
     if asked.0 as usize >= patches {
         bail!(
-            "`--patch {}`: the scene has {} patches, from 0 on",
+            "`--patch {}`: the scene has {}, from 0 on",
             asked.0,
-            count(patches as u64)
+            counted(patches as u64, "patch")
         );
     }
     let patch = standing_of(&prepared, asked);
@@ -397,7 +397,7 @@ fn write_shares(canvas: &mut Canvas, found: &Rendered, right: usize, y: usize) {
         let share = percent(f64::from(weight) / f64::from(WHOLE));
         canvas.write(&format!("{name} {share}"), (38.0, y as f64), 13.0, Anchor::Start);
     }
-    let seen = format!("{} patches in sight", count(visible.len() as u64));
+    let seen = format!("{} in sight", counted(visible.len() as u64, "patch"));
     canvas.write(&seen, (right as f64, y as f64), 13.0, Anchor::End);
 }
 

@@ -4,7 +4,7 @@ use crate::args::{EngineSettings, Talk};
 use crate::exit::Exit;
 use crate::picture::canvas::Format;
 use crate::picture::model::{Camera, Scale, Values, draw, of_solution};
-use crate::report::count;
+use crate::report::{count, counted};
 use crate::stored::{self, Limits};
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
@@ -162,9 +162,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         .count();
     talk.detail(&format!("{} of the patches are backs", count(backs as u64)));
     talk.say(&format!(
-        "`{}`: {} patches",
+        "`{}`: {}",
         arguments.output.display(),
-        count(patches as u64)
+        counted(patches as u64, "patch")
     ));
     Ok(Exit::Done)
 }
@@ -202,8 +202,8 @@ fn row(store: &Store, patch: u32) -> Result<Scale> {
     let patches = store.patch_count();
     if patch >= patches {
         bail!(
-            "`--patch {patch}`: the matrix has {} patches, from 0 on",
-            count(patches.into())
+            "`--patch {patch}`: the matrix has {}, from 0 on",
+            counted(patches.into(), "patch")
         );
     }
     let row = store

@@ -4,7 +4,7 @@ use crate::args::Talk;
 use crate::exit::Exit;
 use crate::picture::canvas::{Anchor, Canvas, Format, INK, Rect, WHITE};
 use crate::picture::sparsity::{Order, Sparsity};
-use crate::report::{count, figures, percent};
+use crate::report::{count, counted, figures, percent};
 use anyhow::Result;
 use clap::Args;
 use hemicube::store::Store;
@@ -60,8 +60,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         "order of the file"
     };
     let heading = format!(
-        "{} entries, {full} of {} × {}",
-        count(total),
+        "{}, {full} of {} × {}",
+        counted(total, "entry"),
         count(patches as u64),
         count(patches as u64)
     );
