@@ -409,7 +409,7 @@ fn one_patch_is_no_plural() {
     let place = Place::new();
     place.write("one.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     place
-        .line("view hemicube one.obj --patch 7 -o v.png --config=none")
+        .line("view hemicube one.obj --patch 7 -o v.png")
         .fails_with(&["the scene has 1 patch, from 0 on"]);
 }
 
