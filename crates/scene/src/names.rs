@@ -43,9 +43,57 @@ impl Names {
     }
 }
 
+/// The places of names that several share, ascending, and a name of its own for each: `NAME 1`, `NAME 2`, without the
+/// numbers that would make another's name. `nameless` stands for an empty name; names of one `key` are one.
+///
+/// Takes time and memory in proportion to the names: each number passed over is a name that was there.
+pub(crate) fn numbered(names: &[&str], nameless: &str, key: impl Fn(&str) -> String) -> Vec<(usize, String)> {
+    // Uses of each name, and the last number given.
+    let mut uses: HashMap<String, (usize, u64)> = HashMap::new();
+    for name in names {
+        uses.entry(key(name)).or_default().0 += 1;
+    }
+    let mut found = Vec::new();
+    for (at, name) in names.iter().enumerate() {
+        let own = key(name);
+        let Some(&(2.., mut number)) = uses.get(&own) else {
+            continue;
+        };
+        let stem = Some(name.trim()).filter(|name| !name.is_empty()).unwrap_or(nameless);
+        let new = loop {
+            number += 1;
+            let new = format!("{stem} {number}");
+            if !uses.contains_key(&key(&new)) {
+                break new;
+            }
+        };
+        uses.entry(own).and_modify(|(_, last)| *last = number);
+        uses.insert(key(&new), (1, 0));
+        found.push((at, new));
+    }
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shared_names_become_names_of_their_own() {
+        let of = |names: &[&str]| numbered(names, "solid", str::to_uppercase);
+        let own = |at: usize, name: &str| (at, name.to_owned());
+        assert_eq!(of(&["w", "v", "W"]), [own(0, "w 1"), own(2, "W 2")]);
+        assert_eq!(
+            of(&["w", "w 1", "w", "W 3"]),
+            [own(0, "w 2"), own(2, "w 4")],
+            "no other's name"
+        );
+        assert_eq!(of(&["", "solid", "", "solid"]).len(), 4);
+        let all = of(&["", "solid", "", "solid"]);
+        let names: std::collections::HashSet<&String> = all.iter().map(|(_, name)| name).collect();
+        assert_eq!(names.len(), 4, "{all:?}");
+        assert!(of(&["", "w"]).is_empty());
+    }
 
     #[test]
     fn names_are_numbered_by_first_use() {

@@ -20,10 +20,10 @@
 //! STL names neither units nor an up axis.
 
 use crate::bounds::Bounds;
+use crate::names::numbered;
 use crate::polygon::{Labels, cut_face, push_triangles};
 use crate::{Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
-use std::collections::HashMap;
 use std::path::Path;
 
 /// The binary header, the count after it, and a triangle.
@@ -252,26 +252,15 @@ fn text(bytes: &[u8], scene: &mut Scene, mut bounds: Bounds) -> Result<(), Error
 
 /// Numbers solids that share a name, or have none.
 fn number_solids(names: &mut [String], ledger: &mut Ledger) {
-    let mut uses: HashMap<String, (u64, u64)> = HashMap::new();
-    for name in names.iter() {
-        uses.entry(name.clone()).or_default().0 += 1;
-    }
     let kind = Kind {
         fate: Fate::Doubtful,
         what: "solid without a name of its own, numbered as the file has them",
         next: "give the solids names where properties are to tell them apart",
     };
-    for (at, name) in names.iter_mut().enumerate() {
-        if let Some((2.., so_far)) = uses.get_mut(name) {
-            *so_far += 1;
-            let number = *so_far;
-            *name = if name.is_empty() {
-                format!("solid {number}")
-            } else {
-                format!("{name} {number}")
-            };
-            ledger.lose(kind, 1, None, || format!("solid {}", at + 1));
-        }
+    let shared: Vec<&str> = names.iter().map(String::as_str).collect();
+    for (at, name) in numbered(&shared, "solid", str::to_owned) {
+        names[at] = name;
+        ledger.lose(kind, 1, None, || format!("solid {}", at + 1));
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::shown;
 use crate::bounds::Bounds;
-use crate::names::Names;
+use crate::names::{Names, numbered};
 use crate::openings::{cut, turn_with, vector_area};
 use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, Scene, Triangle};
 use glam::{DVec2, DVec3};
@@ -240,35 +240,18 @@ impl Building {
     fn number_names(&mut self) {
         let shading = self.shading.iter_mut().map(|(_, face)| face);
         let all = self.surfaces.iter_mut().chain(&mut self.openings).chain(shading);
-        let mut faces: Vec<(usize, &mut Face)> = all.enumerate().collect();
-        fn key(face: &Face) -> impl Iterator<Item = char> + '_ {
-            face.name.trim().chars().flat_map(char::to_uppercase)
-        }
-        // Stable: those of one name stay in the order of the file.
-        faces.sort_by(|(_, a), (_, b)| key(a).cmp(key(b)));
-        let mut count = 0;
-        let mut first: Option<(usize, String)> = None;
-        for same in faces.chunk_by_mut(|(_, a), (_, b)| key(a).eq(key(b))) {
-            if same.len() < 2 {
-                continue;
-            }
-            count += same.len() as u64;
-            for (number, (at, face)) in (1..).zip(same) {
-                if first.as_ref().is_none_or(|(before, _)| *at < *before) {
-                    first = Some((*at, face.place()));
-                }
-                face.name = match face.name.trim() {
-                    "" => format!("surface {number}"),
-                    name => format!("{name} {number}"),
-                };
-            }
-        }
+        let mut faces: Vec<&mut Face> = all.collect();
+        let names: Vec<&str> = faces.iter().map(|face| face.name.as_str()).collect();
+        let found = numbered(&names, "surface", |name| name.trim().to_uppercase());
         let kind = Kind {
             fate: Fate::Doubtful,
             what: "surface without a name of its own, numbered as the file has them",
             next: "give the surfaces names where properties are to tell them apart",
         };
-        self.ledger.lose(kind, count, None, || first.unwrap_or_default().1);
+        for (at, name) in found {
+            self.ledger.lose(kind, 1, None, || faces[at].place());
+            faces[at].name = name;
+        }
     }
 
     /// Records an object of a class that EnergyPlus has not, with corners.
