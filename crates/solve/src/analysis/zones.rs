@@ -196,10 +196,10 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     let table = store.patches()?;
     let (mut zones, zone_of) = zones_of(&table, names_of(store.manifest()), by);
     let lost = store.row_table()?;
-    // Rows come in the order of patches: every sum has one order. A zone is kept as a list once its last row is in: a
-    // table of sums takes more room.
+    // Rows come in the order of patches: every sum has one order. A table of sums becomes a list with its zone's last
+    // row, as it takes more room.
     let mut sums: Vec<HashMap<u32, f64>> = vec![HashMap::new(); zones.len()];
-    let mut kept = Kept::default();
+    let mut room = Room::default();
     let mut computed = vec![0u32; zones.len()];
     let mut of_row: HashMap<u32, f64> = HashMap::new();
     for row in store.rows()? {
@@ -211,21 +211,26 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
         for (&column, factor) in row.indices.iter().zip(&row.data) {
             *of_row.entry(zone_of[column as usize]).or_insert(0.0) += factor;
         }
+        let before = sums[zone].len();
         for (&to, &factor) in &of_row {
             *sums[zone].entry(to).or_insert(0.0) += area * factor;
         }
+        room.take(sums[zone].len() - before).map_err(|refused| {
+            Error::unsupported(
+                store.directory(),
+                format!("cannot be added up here: {refused}; add up by fewer zones"),
+            )
+        })?;
         let part = |values: &[f64]| area * values.get(patch).copied().filter(|v| v.is_finite()).unwrap_or(0.0);
         zones[zone].escaped += part(&lost.escaped);
         zones[zone].blocked += part(&lost.blocked);
         zones[zone].unselected += part(&lost.unselected);
-        if computed[zone] == zones[zone].patches {
+        if computed[zone] == zones[zone].patches && zones[zone].area > 0.0 {
             let area = zones[zone].area;
-            zones[zone].factors = kept.list(std::mem::take(&mut sums[zone]), area).map_err(|refused| {
-                Error::unsupported(
-                    store.directory(),
-                    format!("cannot be added up here: {refused}; add up by fewer zones"),
-                )
-            })?;
+            let sums = std::mem::take(&mut sums[zone]);
+            let factors = &mut zones[zone].factors;
+            factors.extend(sums.into_iter().map(|(to, sum)| (to, sum / area)));
+            factors.sort_unstable_by_key(|&(to, _)| to);
         }
     }
     drop(sums);
@@ -250,35 +255,31 @@ pub fn zones(store: &Store, by: GroupBy) -> Result<Vec<Zone>> {
     Ok(zones)
 }
 
-/// The factors of zones whose rows are all in: memory is asked for a stretch at a time, as nobody knows how many there
-/// will be.
+/// The memory of form factors between zones, asked for a stretch at a time: nobody knows how many there will be.
 #[derive(Default)]
-struct Kept {
+struct Room {
     budget: Budget,
-    /// Factors that may yet be kept before memory is asked for again.
+    /// Form factors that there is room for before memory is asked for again.
     left: usize,
 }
 
-impl Kept {
-    /// Factors of each stretch.
+impl Room {
+    /// Form factors of each stretch.
     const STRETCH: usize = 1 << 20;
+    /// Bytes of one in a table of sums: key, value and a byte, in a table that is 7/16 full at least.
+    const BYTES: u64 = 17 * 16 / 7 + 1;
 
-    /// The factors of a zone, ascending by zone.
-    fn list(&mut self, sums: HashMap<u32, f64>, area: f64) -> std::result::Result<Vec<(u32, f64)>, NoRoom> {
-        if area <= 0.0 {
-            return Ok(Vec::new());
-        }
-        if sums.len() > self.left {
-            let more = sums.len().max(Self::STRETCH);
-            let bytes = (more * size_of::<(u32, f64)>()) as u64;
-            self.budget
-                .require(bytes, "a further part of the form factors between zones")?;
+    fn take(&mut self, factors: usize) -> std::result::Result<(), NoRoom> {
+        if factors > self.left {
+            let more = factors.max(Self::STRETCH);
+            self.budget.require(
+                more as u64 * Self::BYTES,
+                "a further part of the form factors between zones",
+            )?;
             self.left = more;
         }
-        self.left -= sums.len();
-        let mut factors: Vec<(u32, f64)> = sums.into_iter().map(|(to, sum)| (to, sum / area)).collect();
-        factors.sort_unstable_by_key(|&(to, _)| to);
-        Ok(factors)
+        self.left -= factors;
+        Ok(())
     }
 }
 
@@ -511,17 +512,15 @@ mod tests {
     }
 
     #[test]
-    fn factors_are_kept_in_order_while_there_is_room() {
-        let sums = || HashMap::from([(7, 2.0), (1, 4.0)]);
-        let mut kept = Kept::default();
-        assert_eq!(kept.list(sums(), 4.0), Ok(vec![(1, 1.0), (7, 0.5)]));
-        assert_eq!(kept.left, Kept::STRETCH - 2);
-        assert_eq!(kept.list(sums(), 0.0), Ok(Vec::new()));
-        let mut none = Kept {
+    fn memory_is_asked_for_before_more_factors_are_kept() {
+        let mut room = Room::default();
+        assert_eq!((room.take(2), room.left), (Ok(()), Room::STRETCH - 2));
+        let mut none = Room {
             budget: Budget::new(Some(1)),
-            left: 0,
+            left: 1,
         };
-        let refused = none.list(sums(), 4.0).expect_err("a byte is allowed");
+        assert_eq!(none.take(1), Ok(()), "there is room for one");
+        let refused = none.take(1).expect_err("a byte is allowed");
         assert!(
             refused.to_string().starts_with("a further part of the form factors"),
             "{refused}"
