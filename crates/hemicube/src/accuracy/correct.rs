@@ -431,7 +431,7 @@ impl<'c> Converter<'c> {
                 (group[0].patch, if is_seen_by_all { mean } else { mean.min(0.999) })
             })
         };
-        let adds_up = !refiner.measures_each() && !attempt.is_large && weights.sees_anything;
+        let adds_up = !refiner.measures_each() && weights.sees_anything;
         let finish = |refiner: &mut Refiner<'_>, balance: &mut SumBalance<'_, _>, is_strict: bool| {
             let (model, emitter) = (balance.model, balance.emitter);
             let usual = refiner.make_strict(is_strict);
@@ -839,16 +839,19 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// Entries that err independently leave their sum the variance V = Σ Var F. Neighbours behind one edge err
     /// together, and the sum is off by more. Rays, or else hemicubes, tell it as well: their difference from the row's,
     /// where it is larger than √V, takes its place, unless each pair was measured by itself (`is_exact`). Rays of the
-    /// standard error e leave V e² / (V + e²). A share X of L = 1 − Σ F has the part X / L of that error, and that of
-    /// the rays that divide L. `scoreboard board` prints both beside what rows are off by.
+    /// standard error e leave V e² / (V + e²), and the part V / (V + e²) of a difference D that the row was not moved
+    /// by is an error, too. A share X of L = 1 − Σ F has the part X / L of that error, and that of the rays that divide
+    /// L. `scoreboard board` prints both beside what rows are off by.
     fn standard_errors(&self, factors: f64, squared_error: f64, shares: RowShares, is_exact: bool) -> [f32; 2] {
         let rays = self.cast().filter(RayShares::is_measurement);
         let lost = rays.map_or(self.hemicubes, |rays| rays.shares()).lost();
         let mut squared = squared_error;
         if !is_exact {
-            squared = squared.max((1.0 - factors - lost).powi(2));
+            let difference = 1.0 - factors - lost;
+            squared = squared.max(difference.powi(2));
             if let Some(noise) = rays.map(|rays| rays.error().powi(2)) {
-                squared *= noise / (squared + noise);
+                let known = squared / (squared + noise);
+                squared = known * noise + (known * difference).powi(2);
             }
         }
         let lost = shares.lost();

@@ -10,6 +10,7 @@
 //! `scripts/fit-error-model` measures the tables and the exponent anew and prints how far the committed ones are off.
 
 use crate::geometry::Sphere;
+use crate::store::ERRORS;
 use crate::visibility::shaft::RAYS;
 use glam::DVec3;
 
@@ -274,22 +275,11 @@ pub(crate) const SHAFT_RAYS: f64 = 800.0;
 /// z √d √λ from which a pair is measured: with √d for the spread, a shaft of [`SHAFT_RAYS`] and the rays then cost what
 /// they save: 30² is 800 rays and some more.
 pub(crate) const MEASURED_FROM: f64 = 30.0;
-/// Share of the squared error aimed at that visible fractions may leave; the rest is for closed forms. A choice.
-pub(crate) const FRACTIONS_SHARE: f64 = 0.8;
-/// Share of unmeasured pairs in a row's squared error aimed at. A choice: prior variances are means, and if one point
-/// stands badly for a patch, all of its pairs err at once. With less, more pairs are measured; with more, such rows err.
-pub(crate) const UNMEASURED_SHARE: f64 = 0.8;
+/// Share of the squared error aimed at that visible fractions may leave, and pairs that no ray measures: closed forms are
+/// evaluated to T / 2 ([`crate::accuracy::refine::Refinement::for_tolerance`]), a quarter of T².
+pub(crate) const FRACTIONS_SHARE: f64 = 0.75;
 /// Standard error of a row's sum in tolerances, at most: three of them stay within the tolerance.
-pub(crate) const ROW_SUM: f64 = 0.33;
-/// Least spread (standard deviation of one ray) of a pair where the sum of its row depends on it. A choice: a few rays
-/// that agree by chance say 0.
-pub(crate) const LEAST_SPREAD: f64 = 0.25;
-/// Ratio of the variance of independent rays to the variance of a sequence, for sums of rows: n^(1/4) at 256 rays.
-/// `scripts/fit-error-model` finds 1.7 to 2.0 there; 1.85 leaves rows at 1 % of two models and a city as they are, to
-/// the ray.
-pub(crate) const SUM_GAIN: f64 = 4.0;
-/// √ of the number of pairs that have a part in the error of a row's sum, with a margin: some 36. A choice.
-pub(crate) const PAIRS_OF_A_SUM: f64 = 6.0;
+pub(crate) const ROW_SUM: f64 = 1.0 / ERRORS;
 /// Share of a row's permitted error from which on unseen pairs are looked for. A choice.
 pub(crate) const REACH: f64 = 0.3;
 /// Cost of a ray between near patches relative to a usual one. A choice below its time: `scripts/fit-error-model`

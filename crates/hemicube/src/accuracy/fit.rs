@@ -4,7 +4,7 @@
 //! beside the measured one. Values that are choices are not here: [`super::error_model`] says which.
 
 use crate::Model;
-use crate::accuracy::error_model::{NEAR_RAY, SHAFT_RAYS, SUM_GAIN, TREE_RAY, variance_of_rays};
+use crate::accuracy::error_model::{NEAR_RAY, SHAFT_RAYS, TREE_RAY, variance_of_rays};
 use crate::accuracy::row::Emitter;
 use crate::factor::{FactorRule, exchange};
 use crate::sampling::splitmix;
@@ -163,8 +163,6 @@ impl RayMeasurements {
         vec![
             of("exponent of rays, distant", committed, exponent(gains[0]), distant),
             of("exponent of rays, near", committed, exponent(gains[1]), near),
-            of("SUM_GAIN, 256 distant rays", SUM_GAIN, gains[0][2], distant),
-            of("SUM_GAIN, 256 near rays", SUM_GAIN, gains[1][2], near),
             of("NEAR_RAY, in rays", NEAR_RAY, self.near.seconds() / listed, near),
             of(
                 "TREE_RAY, in rays",

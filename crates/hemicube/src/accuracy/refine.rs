@@ -22,9 +22,8 @@ pub(crate) mod sums;
 
 use crate::Model;
 use crate::accuracy::error_model::{
-    CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, LEAST_SPREAD, MEASURED_FROM, NEAR_RAY, PAIRS_OF_A_SUM,
-    PriorCell, PriorSums, PriorVariances, REACH, ROW_SUM, RayGain, SUM_GAIN, TREE_RAY, UNMEASURED_SHARE, class_of,
-    multiplier_for, nearness_of, rays_for, variance_of_rays,
+    CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, MEASURED_FROM, NEAR_RAY, PriorCell, PriorSums, PriorVariances,
+    REACH, ROW_SUM, RayGain, TREE_RAY, class_of, multiplier_for, nearness_of, rays_for, variance_of_rays,
 };
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
@@ -61,9 +60,6 @@ pub struct Refinement {
     pub priors: PriorVariances,
     /// Factor of the variance that rays leave in this scene to that of usual ones.
     pub gain: RayGain,
-    /// True if all pairs are measured and none keeps its hemicube's fraction: for scenes so small that it takes no
-    /// time.
-    pub all: bool,
     /// True if each pair keeps the tolerance by itself: for scenes so small that all pairs can be looked at.
     pub each: bool,
     /// True if seen pairs that no ray measures are proved visible or occluded, where a shaft can.
@@ -84,7 +80,6 @@ impl Refinement {
             multiplier: 0.0,
             priors: PriorVariances::default(),
             gain: RayGain::default(),
-            all: false,
             each: false,
             proves: false,
             is_open: false,
@@ -93,18 +88,9 @@ impl Refinement {
 
     /// Sets the multiplier at which a sample of rows leaves the effort's Σ (F − true F)².
     pub(crate) fn with_multiplier_of(self, rows: &[Vec<ErrorContribution>]) -> Self {
-        let threshold = self.threshold();
         let squared = (self.tolerance * self.effort).powi(2);
         let budget = FRACTIONS_SHARE * squared * self.mean_squared_norm * rows.len() as f64;
-        let mut multiplier = multiplier_for(rows.iter().flatten(), budget, threshold, self.gain);
-        if self.all {
-            // Rows have no multiplier of their own then, so this one must do for their sums.
-            let most = FRACTIONS_SHARE * (ROW_SUM * self.tolerance).powi(2);
-            multiplier = rows
-                .iter()
-                .map(|row| multiplier_for(row.iter(), most, threshold, self.gain))
-                .fold(multiplier, f64::max);
-        }
+        let multiplier = multiplier_for(rows.iter().flatten(), budget, MEASURED_FROM, self.gain);
         Self { multiplier, ..self }
     }
 
@@ -112,11 +98,6 @@ impl Refinement {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
     pub(crate) fn most_steps(&self) -> u64 {
         (TOLERANCE_STEPS * (0.01 / self.tolerance).min(100.0)) as u64
-    }
-
-    /// z √d √λ from which a pair is measured.
-    fn threshold(&self) -> f64 {
-        if self.all { 0.0 } else { MEASURED_FROM }
     }
 
     /// Permitted Σ (F − true F)² of a row with this Σ F².
@@ -352,8 +333,7 @@ impl<'c> Refiner<'c> {
     /// before, for [`Self::set`].
     pub(crate) fn make_strict(&mut self, strict: bool) -> Refinement {
         let before = self.refinement;
-        // Where all pairs are measured, no prior variance is used.
-        if strict && !self.refinement.all {
+        if strict {
             self.refinement.priors = PriorVariances::default();
             self.refinement.effort *= 0.5;
             self.refinement.multiplier *= 16.0;
@@ -454,20 +434,11 @@ impl<'c> Refiner<'c> {
     /// The row's multiplier: the scene's, or a larger one where the row by itself would be too far off. And the z √d
     /// from which on pairs are measured.
     fn limits(&self, budget: f64, steps: u64) -> Limits {
-        let (threshold, gain) = (self.refinement.threshold(), self.refinement.gain);
+        let (threshold, gain) = (MEASURED_FROM, self.refinement.gain);
         let mut multiplier = self.refinement.multiplier;
         if multiplier <= 0.0 {
             multiplier = multiplier_for(self.contributions.iter(), FRACTIONS_SHARE * budget, threshold, gain);
             let least = threshold / multiplier.sqrt();
-            return Limits {
-                multiplier,
-                least,
-                steps,
-            };
-        }
-        if self.refinement.all {
-            // One multiplier for all rows, so that both rows of a pair cast the same rays.
-            let least = 0.0;
             return Limits {
                 multiplier,
                 least,
@@ -487,7 +458,7 @@ impl<'c> Refiner<'c> {
             let kept = self.contributions.iter().filter(|pair| pair.both <= least);
             kept.map(|pair| pair.own * pair.own).sum()
         };
-        while unmeasured(least) > UNMEASURED_SHARE * budget {
+        while unmeasured(least) > FRACTIONS_SHARE * budget {
             least *= 0.7;
         }
         Limits {
@@ -518,10 +489,7 @@ impl<'c> Refiner<'c> {
         self.exchanges.begin(&emitter.corners);
         self.evaluate_from(emitter, 0);
         let budget = self.refinement.budget(self.squared_norm());
-        let measures_all = self.refinement.all;
-        let least = if measures_all {
-            f64::MIN_POSITIVE
-        } else if is_large {
+        let least = if is_large {
             large::least_factor(self.pairs.iter().map(|pair| pair.unoccluded))
         } else {
             REACH * budget.sqrt()
@@ -549,7 +517,7 @@ impl<'c> Refiner<'c> {
                     cell: PriorCell::unseen(nearness),
                     ..Pair::unseen(patch)
                 };
-                if nearness >= FAR && !measures_all {
+                if nearness >= FAR {
                     pair.is_rough = true;
                     pair.unoccluded = by_centroids(&emitter.corners, &corners);
                     self.far.push(pair);
@@ -786,19 +754,9 @@ impl<'c> Refiner<'c> {
         let mut next = if triangles.is_near { 2 * RAYS } else { RAYS };
         let (rays, spread) = loop {
             let rays = self.shaft.cast(obstacles, &triangles, next, seed, &mut cast);
-            // A few rays that agree do not prove that all would (Laplace's rule of succession, for half a ray).
-            let count = rays as f64;
-            let seen = cast.fraction().unwrap_or(0.5);
-            let smooth = (seen * count + 0.5) / (count + 1.0);
+            let smooth = smoothed(cast.fraction().unwrap_or(0.5), rays as f64);
             let spread = (self.refinement.gain.factor() * smooth * (1.0 - smooth)).sqrt();
-            let mut wanted = rays_for((spread * z).powi(2) * allowed.multiplier, ray);
-            if self.refinement.all {
-                // Some dozens of such pairs add up to the error of a row's sum, even where their first rays agree by
-                // chance. The larger factor of the two is at most √2 z.
-                let larger = std::f64::consts::SQRT_2 * z;
-                let error = PAIRS_OF_A_SUM * larger * spread.max(LEAST_SPREAD) / (ROW_SUM * self.refinement.tolerance);
-                wanted = wanted.max(error * error / SUM_GAIN);
-            }
+            let wanted = rays_for((spread * z).powi(2) * allowed.multiplier, ray);
             let is_poor = cast.sums.all <= 0.0 || (triangles.is_near && rays < RAYS);
             if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
                 let precision = Precision {
@@ -852,6 +810,12 @@ impl<'c> Refiner<'c> {
         refined.squared_error += (spread * pair.unoccluded).powi(2) * variance_of_rays(rays.max(1) as f64);
         refined
     }
+}
+
+/// A visible fraction that so many rays found, for their spread: a few rays that agree do not prove that all would
+/// (Laplace's rule of succession, for half a ray).
+fn smoothed(fraction: f64, rays: f64) -> f64 {
+    (fraction * rays + 0.5) / (rays + 1.0)
 }
 
 /// A form factor by the kernel between centroids, with the greatest height of either triangle above the other's plane.

@@ -267,7 +267,7 @@ impl Sample<'_> {
     /// the rows of the matrix.
     fn learn(&self) -> Result<(Refinement, f64), ComputeError> {
         let model = self.model;
-        let (count, patch_count) = (self.rows.len(), model.patches().len());
+        let count = self.rows.len();
         let plain = Refinement {
             effort: f64::INFINITY,
             ..Refinement::for_tolerance(self.tolerance)
@@ -287,7 +287,6 @@ impl Sample<'_> {
         let known = Refinement {
             mean_squared_norm: norm / count.max(1) as f64,
             is_open: escaped as f64 > self.tolerance * f64::from(WHOLE) * count as f64,
-            all: patch_count <= SMALL,
             ..Refinement::for_tolerance(self.tolerance)
         };
         let mut sums = PriorSums::default();
@@ -312,13 +311,8 @@ impl Sample<'_> {
     fn at_effort(&self, known: Refinement, effort: f64) -> Result<Refinement, ComputeError> {
         let refinement = Refinement { effort, ..known };
         let mut refiner = self.refiner(refinement);
-        let asked = if refinement.all {
-            (0..self.rows.len()).collect()
-        } else {
-            self.tried.clone()
-        };
-        let mut expected_errors = Vec::with_capacity(asked.len());
-        for k in asked {
+        let mut expected_errors = Vec::with_capacity(self.tried.len());
+        for &k in &self.tried {
             self.go_on()?;
             expected_errors.push(refiner.expected_errors(self.model, self.rows[k], self.seen(k), self.receivers(k)));
         }

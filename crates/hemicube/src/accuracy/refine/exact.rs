@@ -18,7 +18,7 @@
 //!
 //! [`FactorRule::exact`]: crate::factor::FactorRule::exact
 
-use super::{Pair, Refined, Refiner, inverse_area, seed};
+use super::{Pair, Refined, Refiner, inverse_area, seed, smoothed};
 use crate::Model;
 use crate::accuracy::error_model::variance_of_rays;
 use crate::accuracy::row::Emitter;
@@ -352,8 +352,7 @@ impl Refiner<'_> {
             // Of two triangles that all but lie behind each other most segments weigh nothing.
             let rays = cast.worth().max(1.0);
             let seen = cast.fraction().unwrap_or(0.5);
-            // A few rays that agree do not prove that all would.
-            let smooth = (seen * rays + 0.5) / (rays + 1.0);
+            let smooth = smoothed(seen, rays);
             let variance = smooth * (1.0 - smooth) * variance_of_rays(rays);
             let error = variance.sqrt() * measured.exchange_area;
             measured.fraction = seen;

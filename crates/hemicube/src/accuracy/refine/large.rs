@@ -8,8 +8,8 @@
 //! To the matrix such a row hardly matters: its form factors are small, and the larger one of each pair is measured in
 //! the other row. So rays are allotted by the row's own form factors.
 
-use super::{Allowance, Refined, Refiner, STEPS_A_PAIR};
-use crate::accuracy::error_model::{FRACTIONS_SHARE, LEAST_SPREAD, NEAR_RAY, TREE_RAY, rays_for, variance_of_rays};
+use super::{Allowance, Refined, Refiner, STEPS_A_PAIR, smoothed};
+use crate::accuracy::error_model::{FRACTIONS_SHARE, NEAR_RAY, TREE_RAY, rays_for, variance_of_rays};
 use crate::accuracy::row::Emitter;
 use crate::visibility::shaft::RAYS;
 
@@ -87,7 +87,8 @@ impl Refiner<'_> {
         if fraction <= 0.0 || fraction >= 1.0 {
             0.0
         } else {
-            (fraction * (1.0 - fraction)).sqrt().max(LEAST_SPREAD)
+            let smooth = smoothed(fraction, RAYS as f64);
+            (smooth * (1.0 - smooth)).sqrt()
         }
     }
 
