@@ -11,16 +11,16 @@
 use crate::Model;
 pub use crate::accuracy::error_model::PriorVariances;
 use crate::accuracy::grain::Grain;
-use crate::accuracy::ray_shares::{self, RayShares};
+use crate::accuracy::ray_shares::{self, NONE_MET, RayShares};
 pub use crate::accuracy::refine::Refinement;
-use crate::accuracy::refine::sums::{Lacking, MOST};
+use crate::accuracy::refine::sums::Lacking;
 use crate::accuracy::refine::{Pair, Refined, Refiner, insert, sees, sum_of};
 use crate::accuracy::row::Emitter;
 use crate::backend::{Hemicube, WHOLE};
 use crate::bvh::Tree;
 use crate::factor::PointFactors;
 use crate::row::RowView;
-use crate::store::{FinishedRow, Precision, RowErrors, RowShares, RowSums};
+use crate::store::{ERRORS, FinishedRow, Precision, RowErrors, RowShares, RowSums};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::spaces::Spaces;
 use hemicube_scene::InputPatch;
@@ -113,8 +113,7 @@ impl Correction {
         match self {
             Self::Pixel => f64::INFINITY,
             Self::Tolerance(_) if sums.escaped > 0 => INCONSISTENT,
-            Self::Tolerance(refinement) if !refinement.is_open => refinement.tolerance.max(INCONSISTENT_AT_LEAST),
-            Self::Tolerance(_) => INCONSISTENT_IN_THE_CLOSED,
+            Self::Tolerance(refinement) => refinement.tolerance.max(INCONSISTENT_IN_THE_CLOSED),
         }
     }
 }
@@ -152,40 +151,24 @@ pub(crate) struct Converted {
     pub(crate) cut_short: bool,
 }
 
-/// |ΣF + non-visible shares − 1| from which on a row is inconsistent. In the open, one hemicube is that far off about
-/// the sky now and then. A choice.
+/// |ΣF + non-visible shares − 1| from which on a row is inconsistent, where something escapes. In the open, one hemicube
+/// is that far off about the sky now and then. A choice: with less, such rows are rendered again for nothing.
 const INCONSISTENT: f64 = 0.15;
-/// If nothing escapes, sums are known better, but no better than hemicubes know the blocked share. Choices.
-const INCONSISTENT_IN_THE_CLOSED: f64 = 0.05;
-const INCONSISTENT_AT_LEAST: f64 = 0.01;
+/// If nothing escapes, sums are known better, but no better than hemicubes know the blocked share. A choice: with less,
+/// rows of a fine tolerance are rendered again that their rays would mend.
+const INCONSISTENT_IN_THE_CLOSED: f64 = 0.01;
 /// Visible fraction from which on a patch is all visible: the rest is rounding of weights, not an occluder.
 const ALL_VISIBLE: f64 = 0.9999;
-/// Number of standard errors of the non-visible share that a row must lack before pairs are looked for. A choice.
-const SURELY: f64 = 2.0;
-/// Part of a sum's permitted error from which on rays measure the non-visible shares. A choice.
+/// Part of a sum's permitted error that form factors and shares may be off 1 before rays are asked, and that a standard
+/// error by rays may be. A choice: with less, more rays are cast; with more, more sums are off by more than permitted.
 const ASKED: f64 = 0.75;
-/// Factor on that part if only the sky takes a share: the sum of the form factors then tells it. A choice.
-const SKY_ONLY: f64 = 2.0;
-/// Standard error of a share by rays, in parts of a sum's permitted error. A choice.
-const RAYS_PART: f64 = 0.8;
 /// Standard error of shares that divide what form factors leave, and of a sum by which form factors are held to be off,
 /// in parts of the permitted error: three standard errors are within it.
-const SURE_PART: f64 = 1.0 / 3.0;
-/// [`SURE_PART`] of a row whose form factors and hemicubes agree, and number of standard errors by which rays must
-/// differ from both. Choices.
-const SURE_PART_AGREED: f64 = 0.25;
-const SURE_OF_BOTH: f64 = 3.0;
-/// Number of standard errors by which a first look differs from a hemicube's shares that does not stand for the patch.
-/// A choice: of normal errors one in twenty is as large by chance, and such a row is measured for nothing.
-const DIFFERENT: f64 = 2.0;
+const SURE_PART: f64 = 1.0 / ERRORS;
 /// Permitted error of a row's sum at most, whatever the tolerance. From [`ASKED`] of it on, rays do not look for shares
 /// where hemicubes show none that matters. A choice: with less, coarse tolerances cost more; with more, rows lose what
 /// nobody looks for.
 const MOST_OF_A_SUM: f64 = 0.02;
-
-/// Number of rays to patches unseen by the row that a permitted share of them would meet: so many rays tell whether pairs
-/// are missing. A choice.
-const SURE_UNSEEN: f64 = 4.0;
 
 /// A patch in one of the row's hemicubes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -390,7 +373,7 @@ impl<'c> Converter<'c> {
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
         let norm = corrected.squared_error.sqrt() as f32;
         let own = if measured {
-            crate::store::ERRORS * f64::from(norm)
+            ERRORS * f64::from(norm)
         } else {
             f64::INFINITY
         };
@@ -440,7 +423,7 @@ impl<'c> Converter<'c> {
             let mut row = std::mem::take(&mut refiner.pairs);
             if adds_up {
                 let closes = attempt.is_last || !weights.is_inconsistent_with(sum_of(&row));
-                let most = closes.then_some(if is_strict { f64::INFINITY } else { MOST });
+                let most = closes.then_some(if is_strict { f64::INFINITY } else { ERRORS });
                 let added = balance.add_up(&Emitter::new(model, emitter), &mut row, refiner, most);
                 refined.rays += added.rays;
                 refined.points += added.points;
@@ -631,10 +614,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         self.cast().is_some_and(|found| found.is_measurement())
     }
 
-    /// The shares by rays, whose standard errors are within [`RAYS_PART`] of the permitted error, cast where they were
+    /// The shares by rays, whose standard errors are within [`ASKED`] of the permitted error, cast where they were
     /// not; `None` for a patch without area.
     fn ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
-        let wanted = RAYS_PART * self.permitted;
+        let wanted = ASKED * self.permitted;
         self.refined_until(emitter, |found| found.is_within(wanted))
     }
 
@@ -665,14 +648,9 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     fn sure_ray_shares(&mut self, emitter: &Emitter<'_>, factors: f64) -> Option<RayShares> {
         let mut found = self.ray_shares(emitter)?;
         let off = |found: &RayShares| (1.0 - factors - found.shares().lost()).abs() > ASKED * self.permitted;
-        let sure = if self.agree(factors) {
-            SURE_PART_AGREED
-        } else {
-            SURE_PART
-        };
         // Sums below 1 that lose nothing by rays may lose what few rays miss, as at the rim of a narrow gap.
         let may_miss = |found: &RayShares| factors < 1.0 && found.none_leaves() > ASKED * self.permitted;
-        while off(&found) && (found.error() > sure * self.permitted || may_miss(&found)) {
+        while off(&found) && (found.error() > SURE_PART * self.permitted || may_miss(&found)) {
             if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
                 break;
             }
@@ -694,11 +672,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// Returns whether form factors of this sum and the hemicubes' shares come to 1.
     fn agree(&self, factors: f64) -> bool {
         let residual = (1.0 - factors - self.hemicubes.lost()).abs();
-        // If only the sky takes a share, the sum of the form factors tells it.
-        let is_sky_only =
-            self.hemicubes.escaped > 0.0 && self.hemicubes.blocked == 0.0 && self.hemicubes.unselected == 0.0;
-        let most = if is_sky_only { SKY_ONLY } else { 1.0 };
-        residual <= most * ASKED * self.permitted && factors <= 1.0 + ASKED * self.permitted
+        residual <= ASKED * self.permitted && factors <= 1.0 + ASKED * self.permitted
     }
 
     /// Number of shares that matter.
@@ -724,7 +698,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         *self.crossed.get_or_insert_with(|| ray_shares::is_crossed(emitter))
     }
 
-    /// Returns whether a first look by rays meets what has no share, or differs from these shares by more than two
+    /// Returns whether a first look by rays meets what has no share, or differs from these shares by more than three
     /// standard errors and the permitted one.
     fn differs(&mut self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
         let Some(found) = self.look(emitter) else {
@@ -733,7 +707,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         self.found = Some((self.emitter, found));
         let pairs = found.shares().to_array().into_iter().zip(shares.to_array());
         pairs.zip(found.errors()).any(|((seen, share), error)| {
-            (share == 0.0 && seen > 0.0) || (seen - share).abs() > (DIFFERENT * error).max(self.permitted)
+            (share == 0.0 && seen > 0.0) || (seen - share).abs() > (ERRORS * error).max(self.permitted)
         })
     }
 
@@ -755,7 +729,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         let mut count = count_of(&self.met);
         // Takes a standard error of the count off.
         let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
-        while is_much(count, &found) && permitted * (found.rays() as f64) < SURE_UNSEEN {
+        while is_much(count, &found) && permitted * (found.rays() as f64) < NONE_MET {
             let before = self.met.len();
             if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
                 break;
@@ -778,7 +752,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         let found = self.sure_ray_shares(emitter, factors)?;
         let sum = 1.0 - factors - found.shares().lost();
         let error = found.error();
-        let noise = if self.agree(factors) { SURE_OF_BOTH * error } else { 0.0 };
+        let noise = if self.agree(factors) { ERRORS * error } else { 0.0 };
         (sum.abs() > noise.max(ASKED * self.permitted)).then_some(Lacking { sum, error })
     }
 
@@ -787,7 +761,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     fn is_surely_off(&mut self, factors: f64) -> bool {
         let emitter = Emitter::new(self.model, self.emitter);
         let lacking = self.lacking(&emitter, factors);
-        lacking.is_some_and(|lacking| lacking.sum.abs() > SURE_OF_BOTH * lacking.error)
+        lacking.is_some_and(|lacking| lacking.sum.abs() > ERRORS * lacking.error)
     }
 
     /// Brings a row nearer to its known sum if it is off by more than permitted: by unseen pairs, and by moving
@@ -800,7 +774,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         most: Option<f64>,
     ) -> Refined {
         let lacking = self.lacking(emitter, sum_of(row));
-        let by_sum = lacking.filter(|lacking| lacking.sum > SURELY * lacking.error);
+        let by_sum = lacking.filter(|lacking| lacking.sum > ERRORS * lacking.error);
         let missing = by_sum
             .map_or(0.0, |lacking| lacking.sum)
             .max(self.unseen_share(emitter, row));

@@ -37,7 +37,7 @@ const MOST_CROSSED: usize = 1024;
 const FAR: f64 = 4.0;
 
 /// What a share may be, at 95 %, that none of n rays met, times n: (1 − X)ⁿ = 0.05.
-const NONE_MET: f64 = 3.0;
+pub(crate) const NONE_MET: f64 = 3.0;
 
 /// The standard error of a share X from so many rays, where `variance` is X (1 − X).
 pub(crate) fn error(variance: f64, count: usize) -> f64 {

@@ -8,6 +8,8 @@
 use super::{Allowance, Pair, Refined, Refiner};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
+#[cfg(test)]
+use crate::store::ERRORS;
 use crate::visibility::candidates::Least;
 
 /// First bound on the form factor of a missing pair, in parts of what the row lacks, and each bound's part of the one
@@ -27,9 +29,6 @@ const STEPS_A_CANDIDATE: u64 = 300;
 /// else. Choices.
 const BATCH: usize = 64;
 const LEAST_GAIN: f64 = 0.02;
-/// Standard errors that a form factor moves at most, unless its row was computed again for its sum. A choice: with more,
-/// the few least certain entries take what others lack.
-pub(crate) const MOST: f64 = 3.0;
 /// Halvings by which μ is found.
 const HALVINGS: usize = 100;
 
@@ -255,7 +254,7 @@ mod tests {
     #[test]
     fn what_is_uncertain_takes_the_difference_and_what_is_exact_stays() {
         let mut row = factors(&[(0.5, 0.5, 0.0), (0.2, 0.3, 0.02), (0.1, 0.3, 0.01)]);
-        project(&mut row, lacking(0.03, 0.0), MOST);
+        project(&mut row, lacking(0.03, 0.0), ERRORS);
         assert_eq!(row[0].factor, 0.5);
         assert!(
             (row[1].factor - 0.224).abs() < 1e-9 && (row[2].factor - 0.106).abs() < 1e-9,
@@ -263,27 +262,27 @@ mod tests {
         );
         // As uncertain as they are together, a known sum is believed half.
         let mut row = factors(&[(0.2, 0.3, 0.03), (0.1, 0.3, 0.04)]);
-        project(&mut row, lacking(-0.04, 0.05), MOST);
+        project(&mut row, lacking(-0.04, 0.05), ERRORS);
         assert!((sum(&row) - 0.28).abs() < 1e-9, "{row:?}");
         // What lacks far more than all their errors says that these have one cause.
         let mut row = factors(&[(0.2, 0.3, 1e-3), (0.1, 0.3, 1e-3)]);
-        project(&mut row, lacking(-0.1, 0.01), MOST);
+        project(&mut row, lacking(-0.1, 0.01), ERRORS);
         assert!((sum(&row) - 0.294).abs() < 1e-9, "three standard errors each: {row:?}");
     }
 
     #[test]
     fn none_moves_by_more_than_three_errors_or_beyond_what_it_can_be() {
         let mut row = factors(&[(0.2, 0.3, 0.01), (0.299, 0.3, 0.01), (0.001, 0.3, 0.01)]);
-        project(&mut row, lacking(0.05, 0.0), MOST);
+        project(&mut row, lacking(0.05, 0.0), ERRORS);
         assert!(row[1].factor == 0.3 && (sum(&row) - 0.55).abs() < 1e-9, "{row:?}");
         let before = sum(&row);
-        project(&mut row, lacking(-5.0, 0.0), MOST);
+        project(&mut row, lacking(-5.0, 0.0), ERRORS);
         assert!(
             (before - sum(&row) - 0.085).abs() < 1e-3 && row[2].factor >= 0.0,
             "{row:?}"
         );
         let mut exact = factors(&[(0.2, 0.3, 0.0)]);
-        project(&mut exact, lacking(0.1, 0.0), MOST);
+        project(&mut exact, lacking(0.1, 0.0), ERRORS);
         assert_eq!(exact[0].factor, 0.2);
     }
 }
