@@ -715,7 +715,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     fn look(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
         self.cast().or_else(|| {
             self.met.clear();
-            RayShares::look(emitter, self.permitted, noting(&self.receives, &mut self.met))
+            RayShares::look(emitter, noting(&self.receives, &mut self.met))
         })
     }
 

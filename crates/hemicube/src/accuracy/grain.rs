@@ -17,7 +17,7 @@ use std::sync::Arc;
 const LARGE: f64 = 64.0;
 /// Area of a surface that counts as standing on a patch, at most, in areas of the patch. A choice.
 const SMALLER: f64 = 1.0 / 16.0;
-/// Number of such surfaces for each hemicube. A choice.
+/// Number of such surfaces for each hemicube: as many as would cover the patch.
 const SURFACES_PER_HEMICUBE: usize = 16;
 /// Bound of the hemicubes along an edge.
 pub(crate) const MOST_PER_EDGE: u32 = 16;

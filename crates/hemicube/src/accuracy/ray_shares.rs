@@ -6,32 +6,24 @@
 //! distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance X (1 − X) n^(−5/4) of a
 //! share X.
 
+use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
 use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
-use crate::store::RowShares;
+use crate::store::{ERRORS, RowShares};
 use crate::visibility::nearest::nearest_of;
 use crate::visibility::segments::Segment;
 use crate::visibility::spaces::{Spaces, cross_each_other};
 use crate::visibility::wide::WideTree;
 
-/// Bounds of the number of rays that look for shares a hemicube did not see: fewer than a measurement's. Choices.
+/// Number of rays that look for shares a hemicube did not see. A choice: with fewer, shares of twice the permitted error
+/// are met by none of them; with more, each row of a closed scene takes longer.
 const FIRST: usize = 64;
-const FIRST_MOST: usize = 128;
-/// Number of rays of a measurement, at least and at most. Choices.
-const LEAST: usize = 256;
-const MOST: usize = 1 << 14;
-/// Largest number of rays for a permitted error below [`FINE`]: shares within 5·10⁻⁴. A choice.
-const MOST_FINE: usize = 1 << 16;
-/// Permitted error below which a row may take [`MOST_FINE`] rays. A choice.
-const FINE: f64 = 1e-3;
-/// Blocks of triangles met after which no further rays are cast: thousands of triangles in one place are met by every
-/// ray to it. About half a second of work. A choice.
-const MOST_BLOCKS: u64 = 1 << 22;
-/// Blocks of triangles in an emitter's box that are asked whether they cross it. A choice: some tenths of a
-/// millisecond.
+/// Number of rays of a measurement at least: a standard error of 0.016.
+const LEAST: usize = 4 * FIRST;
+/// Blocks of triangles in an emitter's box that are asked whether they cross it: some tenths of a millisecond.
 const MOST_CROSSED: usize = 1024;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
@@ -121,22 +113,19 @@ impl RayShares {
 
     /// Returns whether no further rays may be cast for a permitted error.
     pub(crate) fn is_at_its_bound(&self, permitted: f64) -> bool {
-        let most = if permitted < FINE { MOST_FINE } else { MOST };
-        self.rays >= most || self.blocks >= MOST_BLOCKS
+        error(0.25, self.rays) <= permitted / ERRORS || self.blocks >= steps_beside(permitted)
     }
 
-    /// Casts the first rays from a patch, 64 to 128: a share of twice the permitted error is met by two of them, from a
-    /// permitted error of 1/128 on. `None` for a patch without area.
-    pub(crate) fn look(emitter: &Emitter<'_>, permitted: f64, receives: impl FnMut(u32) -> bool) -> Option<Self> {
+    /// Casts the first rays from a patch. `None` for a patch without area.
+    pub(crate) fn look(emitter: &Emitter<'_>, receives: impl FnMut(u32) -> bool) -> Option<Self> {
         let mut found = Self::default();
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 128")]
-        let first = permitted.recip().clamp(FIRST as f64, FIRST_MOST as f64) as usize;
-        found.cast(emitter, first.next_power_of_two(), receives);
+        found.cast(emitter, FIRST, receives);
         (found.rays > 0).then_some(found)
     }
 
-    /// Casts 256 rays, and twice as many until `is_enough`, or their bound is met: 16,384 rays (65,536 for a permitted
-    /// error below 10⁻³), or 2²² blocks of triangles.
+    /// Casts 256 rays, and twice as many until `is_enough`, or their bound is met: rays that know any share to a third of
+    /// the permitted error, or the steps of a search beside a row in blocks of triangles: thousands of triangles in one
+    /// place are met by every ray to it.
     pub(crate) fn refine(
         &mut self,
         emitter: &Emitter<'_>,
@@ -252,7 +241,7 @@ mod tests {
     const PERMITTED: f64 = 0.01;
 
     fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
-        let mut found = RayShares::look(emitter, permitted, &receives)?;
+        let mut found = RayShares::look(emitter, &receives)?;
         found.refine(emitter, permitted, |found| found.is_within(0.8 * permitted), receives);
         Some(found)
     }

@@ -95,9 +95,8 @@ impl Refinement {
     }
 
     /// Bound of one row's work, in steps ([`crate::visibility::shaft`]): 10⁹ · 0.01 / T, at most 10¹¹.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
     pub(crate) fn most_steps(&self) -> u64 {
-        (TOLERANCE_STEPS * (0.01 / self.tolerance).min(100.0)) as u64
+        most_steps(self.tolerance)
     }
 
     /// Permitted Σ (F − true F)² of a row with this Σ F².
@@ -276,8 +275,23 @@ impl Refined {
 }
 
 /// Bound of a row's steps at a tolerance of 1 %; of a finer one more in proportion, up to a hundred times, of a coarser
-/// one less. A choice.
+/// one less. A choice: about a second of one thread. With less, rows of many occluders end before they keep the
+/// tolerance; with more, a scene takes longer than anyone waits.
 const TOLERANCE_STEPS: f64 = 1e9;
+/// Part of that bound for what is looked for beside a row: its prior variances, pairs that it lacks, its non-visible
+/// shares. A choice: with more, searches in vain cost more; with less, they end before they find.
+const BESIDE: u64 = 128;
+
+/// Bound of one row's work at a tolerance T, in steps ([`crate::visibility::shaft`]): 10⁹ · 0.01 / T, at most 10¹¹.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10¹¹")]
+fn most_steps(tolerance: f64) -> u64 {
+    (TOLERANCE_STEPS * (0.01 / tolerance).min(100.0)) as u64
+}
+
+/// Bound of the steps of one search beside a row.
+pub(crate) fn steps_beside(tolerance: f64) -> u64 {
+    most_steps(tolerance) / BESIDE
+}
 /// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
 const STEPS_A_PAIR: u64 = 30_000;
 /// Growth of the number of rays at a pair before it is asked again how many it needs.
@@ -290,8 +304,6 @@ const MANY_RAYS: f64 = 131_072.0;
 const MOST_POINTS: usize = 6_000;
 /// Bound of the pairs of each group that are measured in any case. A choice.
 const PROBES: f64 = 6.0;
-/// Bound of the passes in which found errors lead to further measurements. A choice.
-const PASSES: usize = 4;
 /// Nearness from which on centroids tell a form factor well enough to see whether it matters: 8 radii.
 const FAR: u8 = 3;
 /// Bound of the rays at one pair.
@@ -558,7 +570,7 @@ impl<'c> Refiner<'c> {
             let total: f64 = self.pairs.iter().filter(of_class).map(|pair| pair.unoccluded).sum();
             for pair in self.pairs.iter().filter(of_class).filter(|pair| pair.unoccluded > 0.0) {
                 let chance = (PRIOR_PAIRS * pair.unoccluded / total).min(1.0);
-                if steps >= PRIOR_STEPS {
+                if steps >= steps_beside(self.refinement.tolerance) {
                     break;
                 }
                 let seed = seed(emitter.patch.0, pair.patch);
@@ -624,18 +636,20 @@ impl<'c> Refiner<'c> {
         let mut found = [GroupErrors::default(); GROUPS];
         self.is_measured.clear();
         self.is_measured.resize(self.pairs.len(), false);
-        for pass in 0..PASSES {
+        let mut is_first = true;
+        loop {
             let inflation = found.map(|f| f.inflation());
             let expected =
                 |place: usize| self.contributions[place].both * inflation[self.pairs[place].cell.group()].sqrt();
             let mut wanted: Vec<(f64, usize)> = (0..self.pairs.len())
                 .filter(|&place| !self.is_measured[place])
                 .map(|place| (expected(place), place))
-                .filter(|&(error, place)| error > limits.least || (pass == 0 && self.is_probe[place]))
+                .filter(|&(error, place)| error > limits.least || (is_first && self.is_probe[place]))
                 .collect();
-            if wanted.is_empty() {
+            if wanted.is_empty() || refined.cut_short {
                 break;
             }
+            is_first = false;
             // Where the steps may not do for all, the largest errors first.
             if refined.steps + wanted.len() as u64 * STEPS_A_PAIR > limits.steps {
                 wanted.sort_by(|p, q| q.0.total_cmp(&p.0).then(p.1.cmp(&q.1)));
@@ -839,8 +853,6 @@ const PRIOR_PAIRS: f64 = 16.0;
 /// less, more take longer.
 const PRIOR_RAYS: usize = 512;
 const PRIOR_FIRST_RAYS: usize = 64;
-/// Bound of the steps of each class in a row. A choice: twice what 16 pairs with a crowded shaft take.
-const PRIOR_STEPS: u64 = 10_000_000;
 
 /// The seed of a pair, the same in both directions.
 fn seed(i: u32, j: u32) -> u64 {

@@ -25,6 +25,7 @@ use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::factor::exchange;
 use crate::geometry::{Plane, area, bounds, cross};
+use crate::store::ERRORS;
 use crate::visibility::bodies::Bodies;
 use crate::visibility::candidates::Least;
 use crate::visibility::coplanar::CoplanarRegions;
@@ -37,8 +38,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Tolerance up to which larger scenes measure entries to a bound: rays at the same error take half the time at 0.04 %
 /// and twice the time at 0.01 % (room of 864 patches).
 const FINEST_OF_LARGE: f64 = 1e-4;
-/// Error permitted of a pair, in tolerances. A choice.
-const EACH_SHARE: f64 = 0.3;
+/// Error permitted of a pair, in tolerances: three of them are within it.
+const EACH_SHARE: f64 = 1.0 / ERRORS;
 /// Form factor below which a pair's error is relative to this instead of to the factor. A choice.
 const SMALL_FACTOR: f64 = 1e-2;
 /// Bound of the rays at a pair.

@@ -16,8 +16,9 @@ use crate::visibility::shaft::RAYS;
 /// Share of Σ F² / Σ F over the seen pairs' unoccluded form factors, below which pairs keep their hemicubes' fraction.
 /// A choice.
 const LEAST_SHARE: f64 = 0.1;
-/// Mean squared error of a fraction that the bound of steps left unmeasured. A choice.
-pub(super) const UNMEASURED: f64 = 0.1;
+/// Mean squared error of a fraction that the bound of steps left unmeasured, about: nearly that of even odds between 0
+/// and 1, 1/12.
+pub(super) const UNMEASURED: f64 = 1.0 / 12.0;
 /// Steps of one ray down the tree, about.
 const STEPS_A_RAY: f64 = 600.0;
 

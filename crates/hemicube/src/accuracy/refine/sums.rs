@@ -5,28 +5,22 @@
 //! lacks. And fractions may be off, those of one point all to one side. They are moved together, in proportion to their
 //! variances: F + μ · variance for all pairs of the row, with one μ. Exact measurements stay.
 
-use super::{Allowance, Pair, Refined, Refiner};
+use super::{Allowance, Pair, Refined, Refiner, steps_beside};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 #[cfg(test)]
 use crate::store::ERRORS;
 use crate::visibility::candidates::Least;
 
-/// First bound on the form factor of a missing pair, in parts of what the row lacks, and each bound's part of the one
-/// before. Choices.
-const FIRST: f64 = 1.0 / 16.0;
+/// First bound on the form factor of a missing pair, in parts of what the row lacks, each bound's part of the one before,
+/// and the rest at which the search ends. A choice: with less, candidates are listed more often; with more, many are
+/// listed and few looked at.
 const NEXT: f64 = 1.0 / 8.0;
-/// Number of bounds tried. A choice.
-const ROUNDS: usize = 7;
-/// Rest at which the search ends, in parts of the row's lack. A choice.
-const ENOUGH: f64 = 0.05;
-/// Bound of the steps of the search at tolerances of 1 % and above; at finer ones, more in proportion, up to a hundred
-/// times. A choice.
-const STEPS: f64 = 4e6;
 /// Steps of listing a candidate and of its unoccluded form factor, about.
 const STEPS_A_CANDIDATE: u64 = 300;
 /// Each batch of so many pairs must bring this part of what the row lacks, or the search ends: the row lacks something
-/// else. Choices.
+/// else. A choice: with more, rows end before they have what many small pairs would bring; with less, searches in vain
+/// cost more.
 const BATCH: usize = 64;
 const LEAST_GAIN: f64 = 0.02;
 /// Halvings by which μ is found.
@@ -114,19 +108,18 @@ impl Refiner<'_> {
         is_known: impl Fn(u32) -> bool,
     ) -> Refined {
         let tree = Tree::of(emitter.model.geometry());
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 4 · 10⁸")]
-        let most_steps = (STEPS * (0.01 / self.refinement.tolerance).clamp(1.0, 100.0)) as u64;
+        let most_steps = steps_beside(self.refinement.tolerance);
         let mut refined = Refined::default();
         let row = std::mem::take(&mut self.pairs);
         self.unseen.clear();
         self.exchanges.begin(&emitter.corners);
         self.sort_measured();
-        let (mut left, mut least) = (lacking, FIRST * lacking);
+        let (mut left, mut least) = (lacking, NEXT * lacking);
         let (mut looked_at, mut left_before) = (0, lacking);
         // Candidates so far, and those of them that are too small by now.
         let mut listed: Vec<u32> = Vec::new();
         let mut smaller: Vec<Pair> = Vec::new();
-        'rounds: for _ in 0..ROUNDS {
+        'rounds: while least > 0.0 {
             let from = Least {
                 near: least,
                 far: least,
@@ -170,7 +163,7 @@ impl Refiner<'_> {
                 if pair.fraction > 0.0 {
                     self.unseen.push(pair);
                     left -= pair.unoccluded * pair.fraction;
-                    if left <= ENOUGH * lacking {
+                    if left <= NEXT * lacking {
                         break 'rounds;
                     }
                 }
