@@ -251,6 +251,8 @@ struct Allowance {
 pub(crate) struct Refined {
     /// Expected Σ (F − true F)².
     pub(crate) squared_error: f64,
+    /// Σ v² over the pairs' expected squared errors v: half the variance of their sum, if errors are normal.
+    pub(crate) squared_variances: f64,
     /// Σ F².
     pub(crate) squared_norm: f64,
     pub(crate) rays: u64,
@@ -266,6 +268,7 @@ impl Refined {
     /// Adds the result and cost of a pair.
     fn add(&mut self, pair: Self) {
         self.squared_error += pair.squared_error;
+        self.squared_variances += pair.squared_error * pair.squared_error;
         self.rays += pair.rays;
         self.points += pair.points;
         self.shafts += pair.shafts;
@@ -671,7 +674,9 @@ impl<'c> Refiner<'c> {
         for (place, contribution) in self.contributions.iter().enumerate() {
             if !self.is_measured[place] {
                 let inflation = found[self.pairs[place].cell.group()].inflation();
-                refined.squared_error += inflation * contribution.own.powi(2);
+                let squared = inflation * contribution.own.powi(2);
+                refined.squared_error += squared;
+                refined.squared_variances += squared * squared;
             }
         }
     }

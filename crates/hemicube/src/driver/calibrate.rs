@@ -4,13 +4,14 @@
 //! tell the error of visible fractions from one hemicube in this scene, the prior variances
 //! ([`crate::accuracy::correct::PriorVariances`]), and the variance that rays leave
 //! ([`crate::accuracy::error_model::RayGain`]). The multiplier λ at which the sample leaves 0.9 of the tolerance follows
-//! from these. The rows are then done once. Where they expect a larger error, the error aimed at shrinks in proportion,
-//! and λ follows anew. Nothing is tried twice, and no row is compared with a better one. Where patches are several elements, the error is that of the patches' matrix.
+//! from these. The rows are then done once. Where they expect a larger error, or more than the tolerance at three
+//! standard errors, the error aimed at shrinks in proportion, and λ follows anew. Nothing is tried twice, and no row is
+//! compared with a better one. Where patches are several elements, the error is that of the patches' matrix.
 //! What a row sums to keeps the tolerance by itself, and so do closed forms. Everything depends on the scene, the
 //! settings and the seed, never on a clock.
 //!
-//! Settling is bounded, as rows are: its rows take 6 · 10⁹ steps, or twice those of a row's bound if these are more,
-//! and what is under way then; eight are done at least, evenly from the sample.
+//! Settling is bounded, as rows are: its rows take the steps of four rows' bounds, and what is under way then; eight are
+//! done at least, evenly from the sample.
 //!
 //! No calibration in the store, because calibrating again from its seed gives the same and takes part of a second; a
 //! stored one would be a second truth.
@@ -24,6 +25,7 @@ use crate::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use crate::driver::compute::{ComputeError, Execution, render, sample};
 use crate::factor::FactorRule;
 use crate::row::{RowBlock, RowView};
+use crate::store::ERRORS;
 use crate::visibility::spaces::Spaces;
 use crate::{Grouping, Model};
 use grouped::{Draw, added_up, mean_and_error, mean_norm, of_patch, share_of_elements};
@@ -57,7 +59,7 @@ pub struct Calibration {
     pub resolution: u32,
     /// Relative Frobenius error that the rows done expect; 0 where none was done.
     pub expected: f64,
-    /// `expected` with 1.5 standard errors added, for the other rows.
+    /// `expected` with three standard errors added, of other rows and of chance.
     pub at_most: f64,
     /// Number of rows done.
     pub rows: usize,
@@ -68,7 +70,7 @@ pub struct Calibration {
 impl Calibration {
     /// Returns whether the tolerance is expected to be kept.
     pub fn keeps(&self, tolerance: f64) -> bool {
-        self.at_most <= tolerance
+        self.at_most <= tolerance * (1.0 + 1e-9)
     }
 }
 
@@ -76,8 +78,9 @@ impl Calibration {
 const NORM_ROWS: usize = 256;
 /// Rows of them that are compared with rays and done.
 const TRIED_ROWS: usize = 64;
-/// Standard errors added to the error of the rows done.
-const SURE: f64 = 1.5;
+/// Error that pairs are measured for, in parts of the tolerance: matrices are off by up to 1.2 times what is expected
+/// (`scoreboard board`, measured over expected), as errors behind one edge are not independent.
+const AIM: f64 = 0.9;
 /// Patches of a scene, and the tolerance, up to which every pair is measured to a bound of its own: a room of 300 takes
 /// less than half the time that rays took at 0.2 %.
 const SMALL: usize = 400;
@@ -85,13 +88,9 @@ const FINE: f64 = 2e-3;
 /// Tolerance that no number of rays keeps, and patches of a scene up to which every pair is then measured by itself.
 const FINEST_OF_RAYS: f64 = 0.99e-5;
 const MANY: usize = 4096;
-/// Part of the tolerance that the sample's rows may have, for the sake of the others. A choice: with less, rows cost
-/// more; with more, fewer scenes keep the tolerance (`scoreboard board`, and `accuracy calibration`).
-const AIM: f64 = 0.9;
-/// Bound of the steps of the rows done; and the same in bounds of a row: the larger counts. About ten seconds of one
-/// thread. Choices.
-const BOUND: u64 = 6_000_000_000;
-const BOUND_IN_ROWS: u64 = 2;
+/// Bound of the steps of the rows done, in bounds of a row: at 1 %, about four seconds of one thread. A choice: with more,
+/// scenes of many occluders settle later; with less, of fewer rows.
+const BOUND_IN_ROWS: u64 = 4;
 /// Number of rows that are done at once, and the least number done.
 const CHUNK: usize = 4;
 const TRIED_AT_LEAST: usize = 8;
@@ -179,6 +178,7 @@ pub fn calibrate<'a>(
     };
     let (drawn, kept) = draw(model, &rows, first, rotate, backend)?;
     let sample = Sample {
+        of: elements.len(),
         tried: tried.iter().filter_map(|k| kept.binary_search(k).ok()).collect(),
         rows: kept.into_iter().map(|k| rows[k]).collect(),
         drawn,
@@ -215,6 +215,8 @@ fn each_pair(model: &Model, tolerance: f64) -> Calibration {
 
 /// A sample of a scene's rows, one hemicube each.
 struct Sample<'a> {
+    /// Number of rows that it is of.
+    of: usize,
     model: &'a Model,
     spaces: Arc<Spaces>,
     receives: &'a (dyn Fn(u32) -> bool + Sync),
@@ -321,7 +323,7 @@ impl Sample<'_> {
 
     /// Expected Σ (F − true F)² of the rows done at a refinement, with the places in `rows` that they have.
     fn done(&self, refinement: Refinement) -> Result<Vec<(usize, Refined)>, ComputeError> {
-        let most_steps = BOUND.max(BOUND_IN_ROWS * refinement.most_steps());
+        let most_steps = BOUND_IN_ROWS * refinement.most_steps();
         let (mut steps, mut done) = (0, Vec::with_capacity(self.tried.len()));
         for chunk in spread(self.tried.len()).chunks(CHUNK) {
             let places: Vec<usize> = chunk.iter().map(|&n| self.tried[n]).collect();
@@ -362,16 +364,25 @@ impl Sample<'_> {
             .map(|&(k, refined)| share(k) * refined.squared_error)
             .collect();
         let (mean, error) = mean_and_error(&errors);
-        let (found, most) = ((mean / norm).sqrt(), AIM * self.tolerance);
+        // The matrix's mean of squared errors differs from that expected of its sample: other rows have others, and few
+        // pairs that make up much of it may all be off by more than they are expected to. ν pairs of equal variances
+        // leave χ²_ν / ν of it, of the variance 2 / ν.
+        let (sampled, all) = (done.len().max(1) as f64, self.of.max(done.len()).max(1) as f64);
+        let of_chance = done
+            .iter()
+            .map(|&(k, refined)| 2.0 * share(k).powi(2) * refined.squared_variances);
+        let variance = error * error * (1.0 - sampled / all) + of_chance.sum::<f64>() / (sampled * all);
+        let found = (mean / norm).sqrt();
+        let most = ((mean + ERRORS * variance.sqrt()) / norm).sqrt();
         // Errors fall in proportion to the effort.
-        let scale = if found > most { most / found } else { 1.0 };
+        let scale = (AIM * self.tolerance / found).min(self.tolerance / most).min(1.0);
         let refinement = if scale < 1.0 {
             self.at_effort(known, effort * scale)?
         } else {
             first
         };
         let expected = scale * found;
-        let at_most = scale * ((mean + SURE * error) / norm).sqrt();
+        let at_most = scale * most;
         let percent = |x: f64| format!("{:.3} %", 100.0 * x);
         Ok(Calibration {
             refinement,
@@ -388,7 +399,7 @@ impl Sample<'_> {
                     grouping.kind().name()
                 )),
                 percent(at_most),
-                if at_most <= self.tolerance {
+                if at_most <= self.tolerance * (1.0 + 1e-9) {
                     ""
                 } else {
                     "; more than was asked for"

@@ -14,6 +14,7 @@
 use super::Row;
 use crate::Grouping;
 use crate::sampling::splitmix;
+use crate::store::ERRORS;
 use hemicube_scene::{InputPatch, Patches};
 use std::collections::BTreeMap;
 
@@ -106,10 +107,10 @@ pub(super) fn of_patch(weight: f64, a: &Row, b: &Row) -> f64 {
     weight * square + (1.0 - weight) * product(a, b)
 }
 
-/// The mean of |F_I|² from a value each pair, less 1.5 standard errors, but no less than a quarter of the mean.
+/// The mean of |F_I|² from a value each pair, less three standard errors, but no less than a quarter of the mean.
 pub(super) fn mean_norm(values: &[f64]) -> f64 {
     let (mean, error) = mean_and_error(values);
-    (mean - super::SURE * error).max(0.25 * mean)
+    (mean - ERRORS * error).max(0.25 * mean)
 }
 
 /// The mean, and its standard error.
