@@ -47,11 +47,11 @@ def perpendicular(width, depth, height):
     return (angles + 0.25 * math.log(product)) / (math.pi * w)
 
 
-def run(command, folder, measures, name, **more):
+def run(command, folder, measures, name):
     """Runs a program; adds its processor seconds and peak memory to `measures`."""
     with open(Path(folder) / f"log.{name}", "wb") as log:
         # OpenFOAM holds PWD against the working directory.
-        environment = {**os.environ, "PWD": str(folder), **more}
+        environment = {**os.environ, "PWD": str(folder)}
         child = subprocess.Popen(command, cwd=folder, stdout=log, stderr=subprocess.STDOUT, env=environment)
         _, status, usage = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
@@ -69,7 +69,7 @@ def factors(program, folder, export, measures, tolerance="0.1%"):
         ["balance", "F", "-o", "B", "--closure"],
         ["export", "B", *export],
     ):
-        run([program, *command, "--overwrite"], folder, measures, command[0], HEMICUBE_NO_PROGRESS="1")
+        run([program, *command, "--overwrite"], folder, measures, command[0])
 
 
 def walls(size, cells):

@@ -28,16 +28,6 @@ pub(crate) struct Talk {
     /// All settings, the engine's work, what was mended in the scene, times in JSON.
     #[arg(short, long, global = true)]
     pub(crate) verbose: bool,
-    /// Draw no progress bar (there is none anyway unless standard error is a terminal)
-    #[arg(
-        long,
-        global = true,
-        hide_short_help = true,
-        env = "HEMICUBE_NO_PROGRESS",
-        hide_env = true,
-        value_parser = clap::builder::FalseyValueParser::new()
-    )]
-    pub(crate) no_progress: bool,
     /// Colour of errors, warnings, hints and verdicts; auto: on terminals, unless NO_COLOR is set
     #[arg(
         long,

@@ -68,7 +68,7 @@ const AGREES: [(&str, &str); 3] = [("correction", "tolerance"), ("resolution", "
 const OF_PIXELS: [&str; 2] = ["resolution", "samples"];
 
 /// Variables that are no settings of a command, read in other places.
-const OTHER_VARIABLES: [&str; 3] = ["HEMICUBE_BACKEND_PATH", "HEMICUBE_NO_PROGRESS", "HEMICUBE_LOG"];
+const OTHER_VARIABLES: [&str; 2] = ["HEMICUBE_BACKEND_PATH", "HEMICUBE_LOG"];
 
 /// Settings with another meaning to a subcommand, taken from its command line only.
 const OWN: [(&str, &str); 1] = [("tradeoff", "rows")];

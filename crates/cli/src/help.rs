@@ -4,7 +4,6 @@
 const ENVIRONMENT: &str = "\
 Environment:
   HEMICUBE_BACKEND_PATH folders with further backends
-  HEMICUBE_NO_PROGRESS  1: no progress bar
   HEMICUBE_LOG          what the libraries log: error, warn, info, debug, trace
   NO_COLOR              1: no colour";
 

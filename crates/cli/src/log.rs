@@ -45,7 +45,6 @@ impl Talk {
     pub(crate) const SILENT: Self = Self {
         quiet: true,
         verbose: true,
-        no_progress: true,
         color: Color::Never,
         log_format: LogFormat::Text,
     };

@@ -26,7 +26,7 @@ pub(crate) struct Bar {
 
 fn is_watched(talk: Talk) -> bool {
     let is_dumb = is_dumb(std::env::var_os("TERM").as_deref());
-    !talk.quiet && !talk.no_progress && !is_dumb && std::io::stderr().is_terminal()
+    !talk.quiet && !is_dumb && std::io::stderr().is_terminal()
 }
 
 /// Returns whether a kind of terminal can only write lines, without moving the cursor.

@@ -764,7 +764,7 @@ fn the_cornell_box_bleeds_colour() {
     assert!(dark < 0.35 * lit, "shadows are dark: {dark} {lit}");
 
     // Every other picture, too.
-    for show in ["seen", "row --patch 7", "radiosity --shading flat"] {
+    for show in ["seen", "row --patch 7", "radiosity"] {
         let name = show.split_whitespace().next().expect("a word");
         place.line(&format!(
             "view model box cornell-box.obj --up y --size 96x64 --eye 278,273,-800 --show {show} -o {name}.png"

@@ -436,7 +436,7 @@ fn rows_are_the_same_bits_whatever_the_threads_and_the_other_points() {
     );
     place.write("one.txt", "5.2 4.4 0.3\n");
     for body in ["sphere", "person"] {
-        let line = format!("points room.obj --as {body} --up z --split 3 --tolerance 0.5% --no-progress");
+        let line = format!("points room.obj --as {body} --up z --split 3 --tolerance 0.5%");
         let bytes = |name: &str, line: &str| {
             place.line(line).is(0);
             std::fs::read(place.path(name)).expect("a file")

@@ -228,14 +228,11 @@ fn outputs_are_no_inputs_lie_in_no_matrix_and_replace_nothing_unasked() {
         ("solve m --materials mat.toml -o mine.csv", "exists"),
         ("export m -o linked/new.csv", "lies in the directory of the matrix"),
         (
-            "export m -o m/manifest.json --format npz --overwrite",
+            "export m -o m/patches.npz --overwrite",
             "lies in the directory of the matrix",
         ),
         ("export m -o mine.csv", "exists"),
-        (
-            "export m -o room.obj --format csv --scene room.obj --overwrite",
-            "is to be read",
-        ),
+        ("export m -o room.glb --scene room.glb --overwrite", "is to be read"),
         ("report m room.obj -o mine.html", "exists"),
         (
             "report m room.obj -o m/page.html",

@@ -588,7 +588,7 @@ fn names_a_loss(line: &str, scene: Option<&Scene>) -> bool {
 
 /// Judges what `compute` says of a file by the names that the cube's objects should have, or by its surfaces alone.
 fn outcome(place: &Place, name: &str, objects: Option<&[String]>) -> Outcome {
-    let ran = place.line(&format!("compute {name} -o m --overwrite --no-progress"));
+    let ran = place.line(&format!("compute {name} -o m --overwrite"));
     let scene = scene_of(place, name);
     let is_right = |scene: &Scene| is_cube(scene) && objects.is_none_or(|objects| scene.objects == objects);
     if ran.code == Some(2) && ran.err.contains(&format!("error: {name}:")) {
@@ -614,9 +614,7 @@ fn sixty_changed_files_give_the_right_scene_or_say_what_was_lost() {
             "{name}: {}",
             whole.ledger
         );
-        let unchanged = place
-            .line(&format!("compute {name} -o whole --overwrite --no-progress"))
-            .is(0);
+        let unchanged = place.line(&format!("compute {name} -o whole --overwrite")).is(0);
         assert!(!unchanged.err.contains("warning"), "{name}: {}", unchanged.err);
         for (what, from, to) in changes {
             let changed = if from.is_empty() {
@@ -733,9 +731,7 @@ fn a_silent_loss_would_be_found() {
 }
 
 fn compute(place: &Place, scene: &str) -> Ran {
-    place
-        .line(&format!("compute {scene} -o m --overwrite --no-progress"))
-        .is(0)
+    place.line(&format!("compute {scene} -o m --overwrite")).is(0)
 }
 
 #[test]
@@ -810,9 +806,7 @@ fn surfaces_in_several_groups_have_the_properties_of_each() {
             assert!(heat(object).abs() < 1e-6, "{name}: {object}: {}", solved.out);
         }
         place
-            .line(&format!(
-                "compute {name} -o e --overwrite --no-progress --emitters insulated"
-            ))
+            .line(&format!("compute {name} -o e --overwrite --emitters insulated"))
             .is(0);
         let rows = place.line("check e --json").json()["rows"].clone();
         assert_eq!(rows, Value::from(10), "{name}");

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 
 const EXAMPLES_OF_CHECK: &str = "  \
   hemicube backends check vulkan
-  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*' --time-limit 20";
+  hemicube backends check ./libhemicube_backend_mine.so --only 'room/*'";
 
 /// Subcommands of `backends`.
 #[derive(Debug, Subcommand)]

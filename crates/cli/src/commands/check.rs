@@ -42,10 +42,8 @@ pub(crate) struct Arguments {
     /// fail above 1e-6]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) max_closure: Option<f64>,
-    /// Fail where more than X of a row escapes: 0.001 for closed scenes [default: no limit]
-    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
-    pub(crate) max_escaped: Option<f64>,
-    /// Fail where A_i F_ij and A_j F_ji differ by more than X [default: doubt above twice the run's tolerance]
+    /// Fail where A_i F_ij and A_j F_ji differ by more than X [default: doubt above twice the run's
+    /// tolerance, or three standard errors]
     #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true)]
     pub(crate) max_reciprocity: Option<f64>,
     /// Exit 1 where the quality is doubtful, too
@@ -88,7 +86,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let store = Store::open(&arguments.store)?;
     let mut options = CheckOptions::default();
     options.closure = arguments.max_closure;
-    options.escaped = arguments.max_escaped;
     options.reciprocity = arguments.max_reciprocity;
     options.worst_rows = if talk.verbose { 20 } else { 5 };
     options.allow_incomplete = arguments.allow_incomplete;
@@ -392,9 +389,13 @@ fn limit_text(found: &CheckReport, limit: f64) -> String {
     format!("limit {}, {whose}", figures(limit))
 }
 
-/// Each of two rows may be off by the tolerance.
+/// Each of two rows may be off by the tolerance, or by three of its standard errors.
 fn reciprocity_limit_text(found: &CheckReport) -> String {
-    limit_text(found, found.quality.reciprocity_limit).replace(", the run's", ", twice the run's")
+    let limit = found.quality.reciprocity_limit;
+    if found.tolerance.is_some_and(|tolerance| limit > 2.0 * tolerance) {
+        return format!("limit {}, three standard errors of both readings", figures(limit));
+    }
+    limit_text(found, limit).replace(", the run's", ", twice the run's")
 }
 
 fn has_failed(found: &CheckReport, checks: &[Check]) -> bool {
@@ -488,7 +489,7 @@ fn escaped(found: &CheckReport) -> Option<Group> {
     let is_told = found.escaped_bound.is_some() || (found.escaped > 0.0 && found.escaped <= NEARLY_CLOSED);
     let bound = bound_text(
         found.escaped_bound,
-        "the scene is nearly closed; `inspect` says where it leaks, `--max-escaped X` sets a limit",
+        "the scene is nearly closed; `inspect` says where it leaks",
     );
     let what = format!(
         "at most {} of a row leaves the scene; {bound}",

@@ -11,7 +11,7 @@ use crate::progress::Bar;
 use crate::report::{self, JsonReport, PendingFile, SCHEMA, count, counted, size};
 use crate::stored;
 use anyhow::{Context, Result, anyhow, bail};
-use clap::builder::{PossibleValue, PossibleValuesParser};
+
 use clap::{Args, ValueEnum};
 use hemicube::analysis::zones::{GroupBy, Zone, ZoneFormat, write_zones, zones};
 use hemicube::sky::{SkyDivision, StoredSky};
@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "  \
   hemicube export room.hemicube -o room.npz                      # SciPy: scipy.sparse.load_npz
-  hemicube export room.hemicube -o room.data --format mtx
+  hemicube export room.hemicube -o room.mtx                      # MatrixMarket: MATLAB, Octave, Julia
   hemicube export city.hemicube -o city.npz --with-sky              # and what each patch sees of the sky
   hemicube export room.hemicube -o zones.csv --by object            # form factors between objects
   hemicube export room.hemicube -o room.vtp --scene room.obj        # ParaView: each patch with its results
@@ -35,8 +35,7 @@ const EXAMPLES: &str = "  \
   hemicube export zone.hemicube --for energyplus --zone 'Zone 1' -o factors.idf";
 
 /// Arguments without a meaning for a solver.
-const NOT_FOR_SOLVERS: [&str; 10] = [
-    "format",
+const NOT_FOR_SOLVERS: [&str; 9] = [
     "with_sky",
     "allow_incomplete",
     "results",
@@ -49,8 +48,7 @@ const NOT_FOR_SOLVERS: [&str; 10] = [
 ];
 
 /// Arguments without a meaning for zones.
-const OF_PATCHES: [&str; 8] = [
-    "format",
+const OF_PATCHES: [&str; 7] = [
     "allow_incomplete",
     "results",
     "scene",
@@ -69,9 +67,6 @@ pub(crate) struct Arguments {
     pub(crate) store: PathBuf,
     #[arg(short, long, value_name = "OUT", help = output_help())]
     output: PathBuf,
-    /// The format, where OUT's extension does not say
-    #[arg(long, value_name = "FORMAT", value_parser = format_names())]
-    format: Option<String>,
     /// Add rows and columns up: one for each object, material or face of the scene's file. OUT is then a table with
     /// their names, `.csv`, what View3D writes, `.vf`, or any format of matrices, in the table's order; with `--for`,
     /// the solver's rows
@@ -243,24 +238,6 @@ fn output_help() -> String {
     )
 }
 
-/// The export formats, by their usual extensions.
-fn format_names() -> PossibleValuesParser {
-    let matrix = ExportFormat::ALL
-        .iter()
-        .map(|format| (format.extensions()[0], format.about()));
-    let patches = PatchFormat::ALL
-        .iter()
-        .map(|format| (format.extensions()[0], format.about()));
-    let mut names: Vec<PossibleValue> = Vec::new();
-    for (name, about) in matrix.chain(patches) {
-        // A name may stand for a format of the matrix and one of patches: `--results` tells them apart.
-        if !names.iter().any(|known| known.get_name() == name) {
-            names.push(PossibleValue::new(name).help(about));
-        }
-    }
-    names.into()
-}
-
 /// The extension and the program of the dialogue's export.
 pub(super) fn first_choice() -> (&'static str, &'static str) {
     let format = ExportFormat::ALL[0];
@@ -291,7 +268,6 @@ impl Target {
     fn of(arguments: &Arguments) -> Result<Self> {
         let output = arguments.output();
         let Arguments {
-            format,
             results,
             scene,
             show,
@@ -307,16 +283,11 @@ impl Target {
             (Ok(format), Err(_)) => Some(Self::Patches(format)),
             (Err(_), Err(_)) => None,
         };
-        let target = match format {
-            // The names are extensions.
-            Some(name) => of_output(&Path::new("F").with_extension(name)),
-            None => of_output(output),
-        };
-        let target = target.ok_or_else(|| {
+        let target = of_output(output).ok_or_else(|| {
             hinted(
                 anyhow!("`{}` does not say which format is wanted", output.display()),
                 format!(
-                    "end it in {} for the matrix, in {} for its patches, or name one with `--format`",
+                    "end it in {} for the matrix, in {} for its patches",
                     joined(dotted(&matrix_formats()), " or "),
                     patch_extensions(|_| true, " or "),
                 ),

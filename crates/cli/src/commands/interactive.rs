@@ -122,12 +122,9 @@ fn lines_front() -> Box<dyn Ask> {
 
 /// Options of the dialogue, passed on to every command.
 fn common(talk: Talk) -> Vec<OsString> {
-    // Variables reach commands by themselves.
-    let by_variable = std::env::var_os("HEMICUBE_NO_PROGRESS").is_some();
     let flags = [
         (talk.quiet, "--quiet"),
         (talk.verbose, "--verbose"),
-        (talk.no_progress && !by_variable, "--no-progress"),
         (talk.log_format == LogFormat::Json, "--log-format=json"),
         (talk.color == Color::Always, "--color=always"),
         (talk.color == Color::Never, "--color=never"),

@@ -44,19 +44,19 @@ use worst::{WORST_ROWS, worst};
 
 /// Number of a row's largest entries in a page that cannot have all.
 const ENTRIES: u32 = 32;
-/// Bytes of a page that rows may take in full, unasked, and those of an entry: a gap and 16 bits, deflated, in base64.
+/// Bytes of a page that rows may take in full, and those of an entry: a gap and 16 bits, deflated, in base64.
 const ROW_BYTES_MAX: u64 = 32_000_000;
 const BYTES_PER_ENTRY: u64 = 5;
-/// `--entries all`.
+/// Entries of a row, where all are in the page.
 const ALL: u32 = u32::MAX;
-/// Above this number of patches, a page has rows only on request: it would be too large to open.
+/// Above this number of patches, a page has no rows: it would be too large to open.
 const PATCHES_WITH_ROWS_MAX: u32 = 250_000;
 /// Cells of the picture of the matrix.
 const CELLS: u32 = 400;
 
 const EXAMPLES: &str = "  \
   hemicube report room.hemicube
-  hemicube report city.hemicube models/city.obj -o city.html --entries 64";
+  hemicube report city.hemicube models/city.obj -o city.html";
 
 /// Write one HTML page about a matrix, to be opened from the disk: what it is, whether it holds, the model in 3-D
 #[derive(Args, Debug)]
@@ -74,10 +74,6 @@ pub(crate) struct Arguments {
     /// Replace what is there
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// How many of the largest entries of each row the page has; 0: no rows [default: all where they take 32 MB at
-    /// most, 6.4 million entries; else 32; 0 above 250,000 patches]
-    #[arg(long, value_name = "N|all", value_parser = entries)]
-    pub(crate) entries: Option<u32>,
     /// A solution to colour the model by (repeatable) [default: all that there are]
     #[arg(long, value_name = "NAME")]
     pub(crate) solution: Vec<String>,
@@ -149,7 +145,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let bar = Bar::spinner(talk, "checking");
     let checked = checked(&store)?;
     bar.message("reading the rows");
-    let entries = entries_per_row(arguments, &store, &checked);
+    let entries = entries_per_row(&store, &checked);
     let (table, of_rows) = (store.patches()?, store.row_table()?);
     let rows = read_rows(&store, &table, entries)?;
     let mut columns = columns(&store, &of_rows, rows.seen, &arguments.solution, talk)?;
@@ -223,17 +219,9 @@ fn checked(store: &Store) -> Result<CheckReport> {
     Ok(check(store, &options)?)
 }
 
-fn entries(text: &str) -> Result<u32, String> {
-    match text.parse() {
-        Ok(number) if number <= 1024 => Ok(number),
-        _ if text == "all" => Ok(ALL),
-        _ => Err("a number from 0 to 1024, or `all`, is needed".to_owned()),
-    }
-}
-
-/// Number of entries a row: as asked; otherwise none above [`PATCHES_WITH_ROWS_MAX`], all within [`ROW_BYTES_MAX`], or
+/// Number of entries a row: none above [`PATCHES_WITH_ROWS_MAX`], all within [`ROW_BYTES_MAX`], or
 /// [`ENTRIES`]. At most those of the longest row.
-fn entries_per_row(arguments: &Arguments, store: &Store, checked: &CheckReport) -> u32 {
+fn entries_per_row(store: &Store, checked: &CheckReport) -> u32 {
     let usual = if store.patch_count() > PATCHES_WITH_ROWS_MAX {
         0
     } else if checked.entries * BYTES_PER_ENTRY <= ROW_BYTES_MAX {
@@ -242,7 +230,7 @@ fn entries_per_row(arguments: &Arguments, store: &Store, checked: &CheckReport) 
         ENTRIES
     };
     let longest = u32::try_from(checked.entries_per_row.max).unwrap_or(ALL);
-    match arguments.entries.unwrap_or(usual) {
+    match usual {
         0 => 0,
         entries => entries.min(longest.max(1)),
     }

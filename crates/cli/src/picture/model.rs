@@ -7,7 +7,7 @@ use crate::exit::hinted;
 use crate::prepare::Prepared;
 use crate::report::{count, figures};
 use anyhow::{Result, anyhow};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 use hemicube::InputPatch;
 use hemicube::portal::Specular;
@@ -54,17 +54,6 @@ pub(crate) struct Camera {
     /// Width and height of the picture
     #[arg(long, value_name = "WxH", default_value = "800x600")]
     pub(crate) size: Size,
-    /// smooth: interpolated between the corners of patches; flat: one colour a patch
-    #[arg(
-        long,
-        value_name = "smooth|flat",
-        default_value = "smooth",
-        hide_possible_values = true
-    )]
-    pub(crate) shading: Shading,
-    /// Brighter (1: twice) or darker (-1: half)
-    #[arg(long, value_name = "STOPS", default_value = "0", allow_hyphen_values = true)]
-    pub(crate) exposure: f64,
 }
 
 /// A point of the scene.
@@ -100,15 +89,6 @@ impl FromStr for Size {
             .and_then(|(width, height)| Some(Self(length(width)?, length(height)?)))
             .ok_or_else(|| "two lengths from 16 to 4096 such as `800x600` are needed".to_owned())
     }
-}
-
-/// Interpolation of colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Shading {
-    /// Between corners.
-    Smooth,
-    /// One a patch.
-    Flat,
 }
 
 fn field_of_view(text: &str) -> Result<f64, String> {
@@ -319,8 +299,8 @@ pub(crate) struct Tone {
 }
 
 impl Tone {
-    /// Adapts to light with weights: pixels of a picture, or areas of a model. `stops` make it brighter.
-    pub(crate) fn of(light: impl Iterator<Item = ([f64; 3], f64)>, stops: f64) -> Self {
+    /// Adapts to light with weights: pixels of a picture, or areas of a model.
+    pub(crate) fn of(light: impl Iterator<Item = ([f64; 3], f64)>) -> Self {
         let (mut logs, mut total) = (0.0, 0.0);
         let mut all = Vec::new();
         for (light, weight) in light {
@@ -338,7 +318,7 @@ impl Tone {
             below += weight;
             below > total * 97.0 / 100.0
         });
-        let exposure = KEY / average * stops.exp2();
+        let exposure = KEY / average;
         let white = (bright.map_or(1.0, |&(luminance, _)| luminance) * exposure * 1.2).max(1e-9);
         Self { exposure, white }
     }
@@ -464,7 +444,7 @@ fn barycentric([a, b, c]: &[DVec3; 3], at: DVec3) -> [f64; 3] {
 impl Shot<'_> {
     /// Patches that are several triangles have one value each, up to their edges.
     fn is_smooth(&self) -> bool {
-        self.camera.shading == Shading::Smooth && self.prepared.grouping.is_none()
+        self.prepared.grouping.is_none()
     }
 
     /// The patch of a sample, in the matrix.
@@ -503,7 +483,7 @@ impl Shot<'_> {
             Some(light)
         };
         let seen_light = (0..self.seen.len()).filter_map(&all).map(|light| (light, 1.0));
-        let tone = Tone::of(seen_light, self.camera.exposure);
+        let tone = Tone::of(seen_light);
         let Size(width, height) = self.camera.size;
         let mut canvas = Canvas::new(width, height, NOTHING);
         average_pixels(&mut canvas, |x, y| {

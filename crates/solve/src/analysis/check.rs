@@ -30,8 +30,8 @@ use hemicube_scene::InputPatch;
 use hemicube_store::PatchKind;
 use hemicube_store::sky::{SkyCheck, check_sky, sky_beside};
 use hemicube_store::{
-    Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowErrors, RowShares,
-    RowSums, RowTable, Store,
+    ERRORS, Error, FactorSlice, Form, HEMICUBE_WEIGHT, Part, Passage, PatchOptics, PatchTable, Result, RowErrors,
+    RowShares, RowSums, RowTable, Store,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -49,8 +49,8 @@ pub struct CheckOptions {
     pub closure: Option<f64>,
     /// Bound on the escaped share of a row, for closed scenes; `None` to report it only.
     pub escaped: Option<f64>,
-    /// Bound on the reciprocity residual; `None`: it is a doubt beyond twice the run's tolerance
-    /// ([`Quality::reciprocity_limit`]).
+    /// Bound on the reciprocity residual; `None`: it is a doubt beyond twice the run's tolerance, or three standard
+    /// errors of both readings where these are more ([`Quality::reciprocity_limit`]).
     pub reciprocity: Option<f64>,
     /// Matrices of no more entries are held in memory to measure reciprocity, at 8 bytes each.
     pub entries_in_memory: u64,
@@ -159,6 +159,10 @@ pub struct Reciprocity {
     pub pairs: u64,
     /// From how many rows they are: all, or evenly spaced ones.
     pub rows: u64,
+    /// Standard error of `residual` by the rows' own, n_i: √(2 Σ (A_i n_i)² / Σ (A_i F_ij)²), as if both readings erred
+    /// independently; NaN where a row states none.
+    #[serde(skip)]
+    pub expected: f64,
     /// Bound, if there is one.
     pub bound: Option<f64>,
 }
@@ -435,7 +439,17 @@ impl Tally {
         let bound = options.reciprocity;
         let is_unreadable = |failure: &Failure| matches!(failure.check, Check::Files | Check::Columns | Check::Range);
         let table = table.filter(|_| !self.failures.iter().any(is_unreadable));
-        let found = table.map(|table| self.files(reciprocal(store, &table.area, options)));
+        let stated = |table: &PatchTable| {
+            let mut stated = vec![f64::NAN; table.area.len()];
+            for &(patch, errors) in &self.row_errors {
+                if let Some(own) = stated.get_mut(patch as usize) {
+                    *own = errors.norm.into();
+                }
+            }
+            stated
+        };
+        let found = table.map(|table| reciprocal(store, &table.area, &stated(table), options));
+        let found = found.map(|found| self.files(found));
         let Some(found) = found.transpose()?.flatten() else {
             return Ok(Reciprocity {
                 bound,
@@ -449,6 +463,10 @@ impl Tally {
                 Check::Reciprocity,
                 format!("the residual is {:e}, the bound {bound:e}", found.residual),
             );
+        }
+        if bound.is_none() {
+            let limit = &mut self.quality.reciprocity_limit;
+            *limit = limit.max(ERRORS * found.expected);
         }
         Ok(Reciprocity { bound, ..found })
     }
@@ -822,8 +840,8 @@ impl Tally {
 }
 
 /// The reciprocity residual: over the whole matrix if it fits in memory, else over evenly spaced rows until enough
-/// entries are looked up.
-fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Reciprocity> {
+/// entries are looked up. `errors` are the rows' standard errors of their norm.
+fn reciprocal(store: &Store, areas: &[f64], errors: &[f64], options: &CheckOptions) -> Result<Reciprocity> {
     let pairs_max = options.reciprocity_pairs;
     let manifest = store.manifest();
     let present = manifest.rows_present();
@@ -862,7 +880,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
     // As shares of the largest: no square leaves the range of f64.
     let largest = areas.iter().copied().fold(0.0, f64::max);
     let areas: Vec<f64> = areas.iter().map(|area| area / largest).collect();
-    let (mut difference, mut total, mut pairs, mut rows) = (0.0, 0.0, 0u64, 0u64);
+    let (mut difference, mut total, mut stated, mut pairs, mut rows) = (0.0, 0.0, 0.0, 0u64, 0u64);
     for &i in &order {
         if held.is_none() && pairs >= pairs_max {
             break;
@@ -873,6 +891,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         };
         let Some(row) = row else { continue };
         rows += 1;
+        stated += (areas[i as usize] * errors[i as usize]).powi(2);
         for (&j, forward) in row.indices.iter().zip(&row.data) {
             let Some(backward) = factor(j, i)? else { continue };
             let (forward, backward) = (areas[i as usize] * forward, areas[j as usize] * backward);
@@ -890,6 +909,7 @@ fn reciprocal(store: &Store, areas: &[f64], options: &CheckOptions) -> Result<Re
         residual,
         pairs,
         rows,
+        expected: (2.0 * stated / total).sqrt(),
         bound: None,
     })
 }

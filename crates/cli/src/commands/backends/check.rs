@@ -48,6 +48,7 @@ pub(crate) struct Arguments {
         long,
         value_name = "SECONDS",
         default_value = "120",
+        hide = true,
         value_parser = clap::value_parser!(u32).range(1..=86_400)
     )]
     pub(crate) time_limit: u32,

@@ -52,14 +52,7 @@ pub(crate) struct Arguments {
     )]
     pub(crate) verify: Option<u32>,
     /// Skip what cannot be seen; the matrix is the same
-    #[arg(
-        long,
-        value_name = "auto|on|off",
-        default_value = "auto",
-        hide_possible_values = true,
-        help_heading = "Matrix",
-        hide_short_help = true
-    )]
+    #[arg(long, value_name = "auto|on|off", default_value = "auto", hide = true)]
     pub(crate) culling: AutoSwitch,
     /// Hemicubes a call of the backend; 0: what it likes best. Rows are the same
     #[arg(

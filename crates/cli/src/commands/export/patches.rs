@@ -195,7 +195,7 @@ fn of_light(results: &PatchResults, name: &str, light: &[[f64; 3]]) -> Colors {
         _ => &[],
     };
     let light: Vec<[f64; 3]> = light.iter().map(|light| light.map(|band| band.max(0.0))).collect();
-    let tone = Tone::of(light.iter().copied().zip(areas.iter().copied()), 0.0);
+    let tone = Tone::of(light.iter().copied().zip(areas.iter().copied()));
     Colors {
         srgb: light
             .iter()

@@ -207,7 +207,7 @@ impl Page<'_> {
                     packed.objects
                 )
             }
-            None => "The page was written without rows (<code>--entries N</code> adds them).".to_owned(),
+            None => "The page has no rows: the matrix has too many patches for one page.".to_owned(),
         };
         format!(
             include_str!("view.html"),

@@ -137,9 +137,6 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
             Values::Scale(Scale::linear("sky view factor", sky_view_factors_beside(&store)?))
         }
     };
-    if arguments.camera.exposure != 0.0 && matches!(values, Values::Scale(_)) {
-        bail!("`--exposure` is of pictures of light in red, green and blue, and this one has a scale");
-    }
     let prepared = stored::scene(
         &store,
         &scene,

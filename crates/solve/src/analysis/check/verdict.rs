@@ -137,7 +137,8 @@ pub struct Quality {
     /// Rows beyond it.
     pub closure_rows: u64,
     /// Reciprocity residual from which on the matrix is doubtful: the bound asked for, or twice the run's
-    /// tolerance or [`LIMIT`]: either of two readings may be off by as much.
+    /// tolerance or [`LIMIT`], as either of two readings may be off by as much, or three standard errors of both
+    /// readings where these are more.
     pub reciprocity_limit: f64,
     /// Rows of which more than [`WARNED`] is blocked.
     pub warned_rows: u64,
