@@ -675,12 +675,12 @@ impl Ending<'_> {
         if !arguments.report.json {
             report::print_verdicts(&summary(&report, finished))?;
         }
+        warn_of_backs(&report, arguments, talk);
+        for question in questions {
+            talk.warn(&question);
+        }
+        warn_of_error(&report, arguments, talk);
         if !finished.resumed.is_complete {
-            warn_of_backs(&report, arguments, talk);
-            for question in questions {
-                talk.warn(&question);
-            }
-            warn_of_error(&report, arguments, talk);
             talk.say(next_step(&report, &finished.summary, &finished.directory).trim_end());
         }
         Ok((report, exit))
@@ -1216,12 +1216,6 @@ fn summary(report: &Report, finished: &Finished) -> String {
             size(report.bytes)
         ),
     );
-    if finished.resumed.is_complete {
-        if let Some(verification) = &report.verification {
-            list.add("measured", verification.line());
-        }
-        return list.text();
-    }
     if let Some(expected) = report.expected_error {
         let asked = match report.tolerance {
             Some(asked) if expected > asked => format!(" (asked: {}): NOT REACHED", level::asked(asked)),

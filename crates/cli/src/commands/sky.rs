@@ -1240,9 +1240,14 @@ fn summary(record: &Record, points: &[PointRow], misplaced: &[Misplaced]) -> Str
         list.add(
             "matrix",
             format!(
-                "escaped energy agrees with the matrix in {} of {}",
+                "escaped energy agrees with the matrix in {} of {}{}",
                 count(same),
-                counted(record.patches, "row")
+                counted(record.patches, "row"),
+                match record.tolerance {
+                    _ if same == record.patches => "",
+                    Some(_) => "; the others are refined here, by other hemicubes than the matrix's",
+                    None => "; the others are rows of other hemicubes than the matrix's",
+                }
             ),
         );
     }

@@ -441,6 +441,7 @@ pub struct Properties {
     kind_of_patch: Vec<u32>,
     object_of_patch: Vec<u32>,
     has_objects: bool,
+    has_materials: bool,
     notes: Vec<String>,
 }
 
@@ -487,6 +488,7 @@ impl Properties {
             kind_of_patch,
             object_of_patch: named.object.to_vec(),
             has_objects,
+            has_materials: !tables.material.is_empty(),
             notes,
         })
     }
@@ -529,6 +531,12 @@ impl Properties {
     /// True if kinds are of objects, not of materials alone.
     pub fn has_objects(&self) -> bool {
         self.has_objects
+    }
+
+    /// True if materials were given values, and nothing is of objects: results are then of materials, unless another
+    /// grouping is asked for.
+    pub fn are_of_materials(&self) -> bool {
+        self.has_materials && !self.has_objects
     }
 
     /// Sentences about how names were taken.

@@ -256,7 +256,7 @@ impl Exchange {
             || arguments.output.iter().any(|output| arguments.is_by_surface(output));
         let by = match (arguments.by, store.manifest().patch_kind()) {
             (None, PatchKind::Material) => By::Material,
-            (None, PatchKind::Triangle | PatchKind::Face) if !is_asked && !properties.has_objects() => By::Material,
+            (None, PatchKind::Triangle | PatchKind::Face) if !is_asked && properties.are_of_materials() => By::Material,
             (given, _) => given.unwrap_or(By::Object),
         };
         require_kind(store, by.group())?;
