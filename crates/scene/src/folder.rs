@@ -1,8 +1,8 @@
 //! A folder as one scene: the scene files in it, in the order of their names. CAD programs write one STL a part, cities
 //! come in tiles.
 //!
-//! Subfolders, hidden files and files of other extensions (`.mtl`, `.bin`, pictures) are passed over. So are height
-//! models: a `.tif` beside other files may be a texture or a map of them.
+//! Subfolders, hidden files and files of other extensions (`.mtl`, `.bin`, pictures) are passed over. A height model is
+//! read as the ground or the roofs of the others; a `.tif` without a place, of eight bits or of more bands is a picture.
 
 use crate::{Error, ErrorKind, Format, Material, ReadOptions, Scene};
 use std::collections::HashMap;
@@ -39,8 +39,12 @@ pub fn files(path: &Path) -> Result<Vec<PathBuf>, Error> {
         let is_hidden = file
             .file_name()
             .is_none_or(|name| name.as_encoded_bytes().starts_with(b"."));
-        let is_scene = Format::from_path(&file).is_some_and(|format| format != Format::Raster);
-        if !is_hidden && is_scene && file.is_file() {
+        let is_scene = || match Format::from_path(&file) {
+            #[cfg(feature = "raster")]
+            Some(Format::Raster) => crate::formats::raster::is_height_model(&file),
+            format => format.is_some(),
+        };
+        if !is_hidden && file.is_file() && is_scene() {
             files.push(file);
         }
     }

@@ -514,7 +514,7 @@ fn check_judges_reciprocity_and_closure_by_what_was_asked() {
     );
     assert!(
         checked.contains("limit 0.0100, the run's tolerance")
-            && checked.contains("limit 0.0200, twice the run's tolerance"),
+            && checked.contains(", three standard errors of both readings"),
         "{checked}"
     );
     // Half of the rows a third off.

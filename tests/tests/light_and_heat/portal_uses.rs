@@ -279,6 +279,33 @@ fn points_see_through_panes_and_out_of_them() {
     assert!(number(row, "bottom") > 0.0, "the floor in the pane");
 }
 
+/// Beer and Lambert: a layer of leaves of all directions, of leaf area index L, lets exp(−L / 2 / cos θ) through, and of
+/// an even sky 2 E₃(L / 2). With L = 2 that is E₁(1) (Abramowitz & Stegun 1964, 5.1.14).
+#[test]
+fn under_a_canopy_is_what_beer_and_lambert_let_through() {
+    const E1_OF_1: f64 = 0.219_383_934_395_520_3;
+    let rows: Vec<String> = (0..=90)
+        .step_by(2)
+        .map(|degrees| {
+            let through = (-1.0 / f64::from(degrees).to_radians().cos().max(1e-9)).exp();
+            format!("[{degrees}, {through}, 0]")
+        })
+        .collect();
+    let canopy = [[-1e3, -1e3, 5.], [1e3, -1e3, 5.], [1e3, 1e3, 5.], [-1e3, 1e3, 5.]];
+    let mut quads: Vec<Quad<'_>> = both_ways(("canopy", canopy)).into();
+    quads.push(("floor", [[-5., -5., 0.], [5., -5., 0.], [5., 5., 0.], [-5., 5., 0.]]));
+    let optics = format!("[object.canopy]\nangles = [{}]\n", rows.join(", "));
+    let place = place(&quads, &optics);
+    place.write("up.txt", "0 0 0.01 0 0 1\n");
+    let row = &points(&place, "--points up.txt --specular optics.toml --tolerance 0.2%")[0];
+    near(number(row, "sky"), E1_OF_1, 1e-3);
+    near(number(row, "canopy"), 1.0, 1e-4);
+    place
+        .line("compute scene.obj --specular optics.toml --tolerance 0.5% -o F")
+        .is(0);
+    near(of(&zones(&place, "F"), "floor", "escaped"), E1_OF_1, 2e-3);
+}
+
 #[test]
 fn points_see_images_of_a_cell() {
     let mut quads = room(1., 1., 1.);

@@ -557,11 +557,11 @@ fn settings_come_in_layers() {
     );
     place.write(
         "hemicube.toml",
-        "# of this project\nresolution = 48\nculling = \"on\"\nsplit = 3\n",
+        "# of this project\nresolution = 48\nform = \"plain\"\nsplit = 3\n",
     );
     place.variables = vec![
         ("HEMICUBE_RESOLUTION".into(), "64".into()),
-        ("HEMICUBE_CULLING".into(), "off".into()),
+        ("HEMICUBE_FORM".into(), "double".into()),
     ];
     let printed = |place: &Place, line: &str| {
         let text = place.line(&format!("compute --print-config {line}")).is(0).out;
@@ -575,7 +575,7 @@ fn settings_come_in_layers() {
     let settings = printed(&place, "--resolution 80 --emitters a* --emitters b");
     for (setting, origin) in [
         ("resolution = 80", "command line"),
-        ("culling = \"off\"", "HEMICUBE_CULLING"),
+        ("form = \"double\"", "HEMICUBE_FORM"),
         ("split = 3", "hemicube.toml:4"),
         ("# patch-size =", "not set"),
         ("emitters = [\"a*\", \"b\"]", "command line"),
@@ -603,7 +603,7 @@ fn settings_come_in_layers() {
     place.write("printed.toml", &text);
     assert_eq!(
         printed(&place, "--config printed.toml")["emitters = [\"x*\"]"],
-        "printed.toml:19"
+        "printed.toml:18"
     );
 
     // They hold for the run, and `inspect` shares what it knows.
@@ -622,7 +622,7 @@ fn settings_come_in_layers() {
             ["bad.toml:2", "`resolutoin`", "did you mean `resolution`?"],
         ),
         ("\n\nresolution = 100\n", ["bad.toml:3", "100", "multiple of 16"]),
-        ("culling = true\n", ["bad.toml:1", "`culling`", "quotes"]),
+        ("form = true\n", ["bad.toml:1", "`form`", "quotes"]),
         ("a = [\n", ["bad.toml:", "error", ""]),
         ("[compute]\nresolution = 3\n", ["bad.toml:1", "`compute`", ""]),
         ("split = 2\npatch-size = 1\n", ["bad.toml:1", "bad.toml:2", "exclude"]),

@@ -29,8 +29,12 @@ fn model() -> String {
     text
 }
 
-fn triangles() -> String {
-    let mut text = format!("o ground\nv 0 0 0\nv {COLUMNS} 0 0\nv {COLUMNS} {ROWS} 0\nv 0 {ROWS} 0\nf 1 2 3 4\n");
+/// Ground and boxes, or boxes alone.
+fn triangles(with_ground: bool) -> String {
+    let mut text = format!("v 0 0 0\nv {COLUMNS} 0 0\nv {COLUMNS} {ROWS} 0\nv 0 {ROWS} 0\n");
+    if with_ground {
+        text.push_str("o ground\nf 1 2 3 4\n");
+    }
     for (at, ([west, south, east, north], height)) in boxes().enumerate() {
         writeln!(text, "o box{at}").expect("a string");
         for z in [0.0, height] {
@@ -51,7 +55,11 @@ fn triangles() -> String {
 fn a_model_of_boxes_has_the_views_of_the_boxes() {
     let place = Place::new();
     place.write("model.asc", model());
-    place.write("boxes.obj", triangles());
+    place.write("boxes.obj", triangles(true));
+    std::fs::create_dir(place.path("both")).expect("a folder");
+    place.write("both/houses.obj", triangles(false));
+    let head = model().lines().take(6).collect::<Vec<_>>().join("\n");
+    place.write("both/ground.asc", format!("{head}\n{}", "0 ".repeat(COLUMNS * ROWS)));
     // On the ground, in corners, on a roof, on the step.
     place.write(
         "points.txt",
@@ -70,13 +78,16 @@ fn a_model_of_boxes_has_the_views_of_the_boxes() {
             .collect()
     };
     for body in ["sphere", "person"] {
-        let (of_model, of_boxes) = (sky("model.asc", body), sky("boxes.obj", body));
-        assert_eq!(of_model.len(), 8);
-        for (a, b) in of_model.iter().zip(&of_boxes) {
-            assert!(
-                (a[0] - b[0]).abs() < 1e-3 && (a[1] - b[1]).abs() < 1e-3,
-                "{body}: {a:?} {b:?}"
-            );
+        let of_boxes = sky("boxes.obj", body);
+        assert_eq!(of_boxes.len(), 8);
+        // As a raster, and as a mesh of the boxes on a raster of the ground.
+        for other in ["model.asc", "both"] {
+            for (a, b) in sky(other, body).iter().zip(&of_boxes) {
+                assert!(
+                    (a[0] - b[0]).abs() < 1e-3 && (a[1] - b[1]).abs() < 1e-3,
+                    "{other}, {body}: {a:?} {b:?}"
+                );
+            }
         }
     }
 }

@@ -30,6 +30,15 @@ const CELLS_MAX: u64 = 4_000_000;
 /// (Lindberg, Holmer & Thorsson 2008; 2 m). Lower, hedges become roofs; higher, sheds become ground.
 const ROOF: f64 = 2.0;
 
+/// Returns whether a file of a folder is a height model: an ASCII grid, or a TIFF of one or two bands of more than eight
+/// bits that says where its cells lie. Others are textures, photographs and maps of classes.
+pub(crate) fn is_height_model(path: &Path) -> bool {
+    let is_grid = path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("asc"));
+    is_grid || geotiff::has_heights(path).unwrap_or(false)
+}
+
 /// A raster of heights: row by row from the north, each from the west.
 struct Raster {
     columns: usize,

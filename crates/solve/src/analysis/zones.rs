@@ -19,6 +19,10 @@ use std::path::Path;
 /// Most surfaces of a table of all pairs, 4·10⁸ cells: a choice. Few programs open larger ones, and sparse formats have no
 /// bound.
 pub const DENSE_MAX: usize = 20_000;
+/// Cells of a table of all pairs, whatever they hold, and beyond these for each form factor that is not 0. A choice: with
+/// more, a sparse matrix of 74 MB becomes a table of 1.2 GB; with fewer, tables are refused that programs open.
+const TABLE_CELLS: u64 = 4_000_000;
+const CELLS_PER_FACTOR: u64 = 32;
 
 /// Grouping of patches into zones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -318,8 +322,8 @@ impl ZoneFormat {
 ///
 /// # Errors
 /// [`Error::Exists`] when something is there and `overwrite` is not set; [`Error::Unsupported`] for more zones than
-/// [`DENSE_MAX`], and for View3D's format and a zone without rows, which it has no word for; [`Error::Io`] or
-/// [`Error::NoSpace`].
+/// [`DENSE_MAX`], for a table of many more cells than form factors, and for View3D's format and a zone without rows,
+/// which it has no word for; [`Error::Io`] or [`Error::NoSpace`].
 pub fn write_zones(
     zones: &[Zone],
     materials: &[String],
@@ -337,6 +341,17 @@ pub fn write_zones(
                 "would be a table of {count} × {count} zones, and at most {DENSE_MAX} are written so; end it in `.npz`, \
                  or take larger ones",
                 count = zones.len()
+            ),
+        ));
+    }
+    let cells = (zones.len() as u64).pow(2);
+    let factors: u64 = zones.iter().map(|zone| zone.factors.len() as u64).sum();
+    if cells > TABLE_CELLS.max(CELLS_PER_FACTOR * factors) {
+        return Err(Error::unsupported(
+            path,
+            format!(
+                "would be a table of {cells} cells for {factors} form factors; end it in `.npz` or `.mtx`, which hold these \
+                 alone, or take larger zones"
             ),
         ));
     }
@@ -537,5 +552,23 @@ mod tests {
             assert!(error.to_string().contains("a table of 20001 × 20001 zones"), "{error}");
             assert!(!path.exists());
         }
+    }
+
+    #[test]
+    fn a_table_of_many_more_cells_than_factors_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("F.csv");
+        let written = |count: usize, each: u32| {
+            let factors: Vec<(u32, f64)> = (0..each).map(|zone| (zone, 1e-3)).collect();
+            let zones = vec![zone("o", 1.0, 0, &factors); count];
+            write_zones(&zones, &[], &path, ZoneFormat::Csv, true)
+        };
+        let refused = written(2_001, 60).unwrap_err().to_string();
+        assert!(
+            refused.contains("4004001 cells for 120060 form factors") && refused.contains(".mtx"),
+            "{refused}"
+        );
+        assert!(!path.exists());
+        assert!(written(2_001, 63).is_ok() && written(2_000, 1).is_ok());
     }
 }

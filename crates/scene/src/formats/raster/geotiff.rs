@@ -2,7 +2,9 @@
 
 use super::{Raster, cells_of};
 use crate::{Error, ReadOptions};
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{BufReader, Cursor};
+use std::path::Path;
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
@@ -25,6 +27,19 @@ fn wrong(error: TiffError) -> Error {
         )),
         error => Error::malformed(format!("is no TIFF as it should be: {error}")),
     }
+}
+
+/// Returns whether a TIFF has one or two bands of more than eight bits, and says where its cells lie.
+pub(super) fn has_heights(path: &Path) -> Result<bool, TiffError> {
+    let mut image = Decoder::new(BufReader::new(File::open(path)?))?;
+    let is_of_heights = match image.colortype()? {
+        ColorType::Gray(bits) | ColorType::GrayA(bits) => bits > 8,
+        ColorType::Multiband { bit_depth, num_samples } => bit_depth > 8 && num_samples <= 2,
+        _ => false,
+    };
+    let has_place =
+        image.find_tag(Tag::ModelPixelScaleTag)?.is_some() || image.find_tag(Tag::ModelTransformationTag)?.is_some();
+    Ok(is_of_heights && has_place)
 }
 
 /// Reads a GeoTIFF.

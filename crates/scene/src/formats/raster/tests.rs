@@ -229,6 +229,34 @@ fn a_geotiff_has_its_place_its_system_and_the_ground_as_a_second_band() {
 }
 
 #[test]
+fn in_a_folder_a_raster_of_heights_is_a_part_of_the_scene_and_a_picture_is_none() {
+    use ::tiff::encoder::{TiffEncoder, colortype::Gray8};
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |name: &str| folder.path().join(name);
+    let keys = [1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 28992];
+    std::fs::write(file("house.obj"), "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n").expect("a file");
+    std::fs::write(file("dem.tif"), tiff_of([2, 2], 1, &[1.0; 4], &keys, [0.0; 6])).expect("a file");
+    let grid = "ncols 2\nnrows 1\nxllcorner 10\nyllcorner 0\ncellsize 1\n0 1\n";
+    std::fs::write(file("yard.asc"), grid).expect("a file");
+    // An orthophoto with a place, a texture without one, and what is no TIFF.
+    std::fs::write(file("photo.tif"), tiff_of([1, 1], 3, &[1.0; 3], &keys, [0.0; 6])).expect("a file");
+    let mut classes = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut classes).expect("a file");
+    encoder.write_image::<Gray8>(1, 1, &[7]).expect("an image");
+    std::fs::write(file("brick.tif"), classes.into_inner()).expect("a file");
+    std::fs::write(file("broken.tif"), "II").expect("a file");
+    let files = crate::files(folder.path()).expect("files");
+    assert_eq!(files, ["dem.tif", "house.obj", "yard.asc"].map(file));
+    let scene = crate::load(folder.path(), ReadOptions::default()).expect("a scene");
+    let names = ["dem/surface", "dem/wall", "house", "yard/surface", "yard/wall"];
+    assert_eq!(scene.objects, names);
+    assert_eq!(
+        (scene.up, scene.crs.as_deref()),
+        (Some(crate::Axis::Z), Some("EPSG:28992"))
+    );
+}
+
+#[test]
 fn a_tiff_without_a_place_in_degrees_or_of_colours_is_refused() {
     let keys = [1, 1, 0, 1, 1024, 0, 1, 2];
     let refused = |bytes: &[u8], reason: &str| {
