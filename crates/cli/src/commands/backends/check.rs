@@ -4,7 +4,7 @@
 use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::{Exit, hinted};
 use crate::outputs::Paths;
-use crate::prepare::{BUILT_IN, registry};
+use crate::prepare::{BACKENDS_HINT, BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA, counted};
 use crate::selection::matches_glob;
 use anyhow::{Context, Result, anyhow, bail};
@@ -164,10 +164,7 @@ pub(super) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let opened = match in_child(arguments, OPEN)?.0 {
         Answer::Opened(opened) => opened,
         Answer::Refused(message) => {
-            return Err(hinted(
-                anyhow!(message),
-                "`hemicube backends list` shows what is installed",
-            ));
+            return Err(hinted(anyhow!(message), BACKENDS_HINT));
         }
         other => bail!("backend `{}` does not open: {}", arguments.backend, other.text().1),
     };
