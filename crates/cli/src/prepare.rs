@@ -1,5 +1,6 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. Shared by all commands that read scenes.
 
+use crate::again;
 use crate::args::{
     AutoSwitch, Correction, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk,
     UpAxis,
@@ -292,7 +293,12 @@ pub(crate) const BACKENDS_HINT: &str = if OPENS_LIBRARIES {
 
 /// The places searched for backends.
 pub(crate) fn registry() -> Registry {
-    Registry::new(Search::new(&[], &Environment::of_process()), &[BUILT_IN])
+    let mut environment = Environment::of_process();
+    if again::is_guest() {
+        // Files beside Python are not hemicube's.
+        environment.program = None;
+    }
+    Registry::new(Search::new(&[], &environment), &[BUILT_IN])
 }
 
 /// Reads the scene at `path` and makes a model of it for `work`, within `--memory` or the machine's memory.
