@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -21,13 +20,13 @@ pub(crate) enum Exit {
 const FAILED: u8 = 2;
 pub(crate) const INTERRUPTED: u8 = 130;
 
-impl From<Exit> for ExitCode {
+impl From<Exit> for u8 {
     fn from(exit: Exit) -> Self {
-        Self::from(match exit {
+        match exit {
             Exit::Done => 0,
             Exit::NotHeld => 1,
             Exit::Interrupted => INTERRUPTED,
-        })
+        }
     }
 }
 
@@ -102,13 +101,18 @@ pub(crate) fn hint(error: &anyhow::Error) -> Option<String> {
     }
 }
 
+/// The exit code of what was run; an error is reported.
+pub(crate) fn code(ended: anyhow::Result<Exit>) -> u8 {
+    ended.map_or_else(|error| failed(&error), u8::from)
+}
+
 /// Reports the error, once, and returns its exit code.
-pub(crate) fn failed(error: &anyhow::Error) -> ExitCode {
+pub(crate) fn failed(error: &anyhow::Error) -> u8 {
     if error.is::<OutputClosed>() {
         return Exit::Done.into();
     }
     crate::log::error(&message(error), hint(error).as_deref());
-    ExitCode::from(FAILED)
+    FAILED
 }
 
 /// Set by the first Ctrl-C while rows are computed.

@@ -14,13 +14,14 @@
 //! exit            exit codes, interrupts, errors with hints
 //! advice          what libraries advise, in options
 //! log style       messages, colour
-//! args help escape shell clock                  argument groups, texts, quoting, clocks
+//! args help escape shell clock again            argument groups, texts, quoting, clocks, own processes
 //! ```
 //!
 //! Two commands use another: `report` shows the verdicts of `check`, and `check`
 //! the operations of `balance`. The study measures by `tradeoff`.
 
 mod advice;
+mod again;
 mod args;
 mod clock;
 mod command_line;
@@ -57,22 +58,32 @@ use crate::exit::Exit;
 use anyhow::Result;
 use clap::FromArgMatches;
 use std::ffi::OsString;
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Runs the program by the command line of this process.
 pub fn main() -> ExitCode {
-    match run(std::env::args_os()) {
-        Ok(exit) => exit.into(),
-        Err(error) => exit::failed(&error),
-    }
+    exit::code(run(std::env::args_os())).into()
+}
+
+/// Runs the program within another one, and returns its exit code. `words` follow the program's name, and `again` are
+/// the command that starts it as a process of its own. Once in a process: it takes the signals and the log.
+///
+/// Help, wrong usage and interrupts end the process, as they end the program.
+pub fn main_within(again: Vec<OsString>, words: Vec<OsString>) -> u8 {
+    /// What Rust's runtime ends with after a panic.
+    const PANICKED: u8 = 101;
+    again::be_guest(again);
+    let words = std::iter::once("hemicube".into()).chain(words);
+    let code = std::panic::catch_unwind(|| exit::code(run(words.collect::<Vec<_>>()))).unwrap_or(PANICKED);
+    // Rust's runtime does it at the end of its own programs.
+    let _ = std::io::stdout().flush();
+    code
 }
 
 /// Runs the study of algorithms by the command line of this process.
 pub fn study() -> ExitCode {
-    match study::run_line(std::env::args_os()) {
-        Ok(exit) => exit.into(),
-        Err(error) => exit::failed(&error),
-    }
+    exit::code(study::run_line(std::env::args_os())).into()
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Result<Exit> {

@@ -1,5 +1,6 @@
 //! From a scene's file to a model: read, scale, repair, cut, order. Shared by all commands that read scenes.
 
+use crate::again;
 use crate::args::{
     AutoSwitch, Correction, Engine, EngineSettings, RenderSettings as RenderArguments, SceneSettings, Switch, Talk,
     UpAxis,
@@ -13,7 +14,7 @@ use hemicube::driver::room::{self, Work};
 pub(crate) use hemicube::driver::settings::axis_name;
 use hemicube::{Grouping, HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, with_close};
-use hemicube_host::{Environment, LoadedBackend, Options, Registry, Search};
+use hemicube_host::{Environment, LoadedBackend, OPENS_LIBRARIES, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Budget, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
@@ -230,7 +231,7 @@ impl EngineSettings {
         if self.backend != "auto" {
             let backend = registry
                 .open(&self.backend, &options)
-                .map_err(|error| hinted(error.into(), "`hemicube backends list` shows what is installed"))?;
+                .map_err(|error| hinted(error.into(), BACKENDS_HINT))?;
             return self.loaded(backend);
         }
         let auto = registry.auto(&options);
@@ -283,9 +284,21 @@ impl EngineSettings {
 /// The program's own backend.
 pub(crate) const BUILT_IN: &str = "cpu";
 
+/// The next step where a backend is not to be had.
+pub(crate) const BACKENDS_HINT: &str = if OPENS_LIBRARIES {
+    "`hemicube backends list` shows what is installed"
+} else {
+    "`--backend cpu` is built in; the package of hemicube that is linked with glibc has the others"
+};
+
 /// The places searched for backends.
 pub(crate) fn registry() -> Registry {
-    Registry::new(Search::new(&[], &Environment::of_process()), &[BUILT_IN])
+    let mut environment = Environment::of_process();
+    if again::is_guest() {
+        // Files beside Python are not hemicube's.
+        environment.program = None;
+    }
+    Registry::new(Search::new(&[], &environment), &[BUILT_IN])
 }
 
 /// Reads the scene at `path` and makes a model of it for `work`, within `--memory` or the machine's memory.

@@ -22,6 +22,7 @@ mod pandas;
 mod pickle;
 mod points;
 mod portals;
+mod program;
 mod scene;
 mod session;
 mod sky;
@@ -58,5 +59,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(scene::scene_of, module)?)?;
     module.add_function(wrap_pyfunction!(faces::triangles_of, module)?)?;
     module.add_function(wrap_pyfunction!(solve::solution_of, module)?)?;
+    module.add_function(wrap_pyfunction!(program::main, module)?)?;
     Ok(())
 }

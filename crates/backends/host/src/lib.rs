@@ -43,6 +43,6 @@ mod registry;
 
 pub use discover::{Environment, Folder, Origin, PATH_VARIABLE, Search, file_name, name_of_file};
 pub use hemicube_abi::{C_HEADER, Device, DeviceKind};
-pub use load::{Library, LoadError};
+pub use load::{Library, LoadError, OPENS_LIBRARIES};
 pub use loaded::LoadedBackend;
 pub use registry::{Auto, Listed, OpenError, Options, PassedOver, Registry, State, Tried};

@@ -15,6 +15,10 @@ const VERSION_MAX: usize = 63;
 /// More devices than any machine offers.
 const DEVICES_MAX: usize = 64;
 
+/// Whether this program can open libraries. One that is linked with all of its C library, as for musl, cannot: its `dlopen`
+/// refuses every file.
+pub const OPENS_LIBRARIES: bool = !cfg!(all(unix, target_feature = "crt-static"));
+
 /// A reason against a file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -22,6 +26,9 @@ pub enum LoadError {
     /// There is no such file.
     #[error("no such file")]
     Missing,
+    /// The program itself is static: [`OPENS_LIBRARIES`].
+    #[error("this program is static, and opens no libraries")]
+    Static,
     /// Not all of the file is there: mapping it would end the program.
     #[error("cut short: it has {size} bytes, and its headers name {named}; copy or build it again")]
     CutShort {
@@ -113,6 +120,9 @@ impl Library {
         let path = std::path::absolute(path).map_err(|error| LoadError::Refused(error.to_string()))?;
         if !path.is_file() {
             return Err(LoadError::Missing);
+        }
+        if !OPENS_LIBRARIES {
+            return Err(LoadError::Static);
         }
         #[cfg(unix)]
         crate::image::judge(&path)?;

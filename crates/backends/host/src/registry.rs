@@ -1,7 +1,7 @@
 //! From a user's request to a session: by path, by name, or `auto`.
 
 use crate::discover::{Origin, Search, file_name, name_of_file};
-use crate::load::{Library, LoadError};
+use crate::load::{Library, LoadError, OPENS_LIBRARIES};
 use crate::loaded::LoadedBackend;
 use crate::{Device, DeviceKind};
 use hemicube_contract::backend::BackendError;
@@ -42,6 +42,12 @@ pub enum OpenError {
         path: PathBuf,
         /// Why not.
         reason: LoadError,
+    },
+    /// The program itself is static: [`OPENS_LIBRARIES`].
+    #[error("backend `{name}`: {}", LoadError::Static)]
+    Static {
+        /// The name asked for.
+        name: String,
     },
     /// With raised privileges, files are not the user's to choose.
     #[error(
@@ -280,6 +286,9 @@ impl Registry {
 
     /// Loads the library of a name from folders of some origins.
     fn named(&self, asked: &str, is_searched: impl Fn(Origin) -> bool) -> Result<Library, OpenError> {
+        if !OPENS_LIBRARIES {
+            return Err(OpenError::Static { name: asked.to_owned() });
+        }
         let mut tried = Vec::new();
         for folder in self.search.folders().iter().filter(|folder| is_searched(folder.origin)) {
             if !folder.path.is_dir() {
@@ -363,6 +372,7 @@ impl Registry {
                     (there.join("; "), true)
                 });
             }
+            Err(OpenError::Static { .. }) => return Err((LoadError::Static.to_string(), false)),
             Err(other) => return Err((other.to_string(), true)),
         };
         let no = |reason: String| (reason, true);

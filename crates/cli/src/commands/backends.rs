@@ -12,7 +12,7 @@ use anyhow::Result;
 use clap::{Args, Subcommand};
 use hemicube::backend::{Capabilities, HemicubeBackend};
 use hemicube_backend_cpu::CpuBackend;
-use hemicube_host::{Device, Listed, State};
+use hemicube_host::{Device, Listed, LoadError, OPENS_LIBRARIES, State};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -189,6 +189,9 @@ fn list(arguments: &ListArguments) -> Result<Exit> {
         for Unusable { name, path, reason } in unusable {
             let _ = writeln!(text, "{name}  {}  {reason}", path.display());
         }
+    }
+    if !OPENS_LIBRARIES {
+        let _ = writeln!(text, "\nno others: {}", LoadError::Static);
     }
     report::print(&text)?;
     Ok(Exit::Done)

@@ -18,7 +18,7 @@ mod settings;
 
 use crate::args::{Color, LogFormat, Talk};
 use crate::exit::Exit;
-use crate::{progress, report};
+use crate::{again, progress, report};
 use anyhow::{Context, Result};
 use ask::{Ask, Left};
 use clap::Args;
@@ -29,7 +29,7 @@ use settings::Settings;
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -71,8 +71,7 @@ pub(crate) fn is_wanted() -> bool {
 pub(crate) fn run(arguments: &Arguments, definition: clap::Command, talk: Talk) -> Result<Exit> {
     let has_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
     let session = Arc::new(Session {
-        program: std::env::current_exe().context("the program does not find itself")?,
-        called: called(std::env::args_os().next()),
+        called: called(std::env::args_os().next().filter(|_| !again::is_guest())),
         ..Session::default()
     });
     let is_plain = !has_terminal || progress::is_dumb(std::env::var_os("TERM").as_deref());
@@ -146,8 +145,6 @@ fn called(first: Option<OsString>) -> OsString {
 /// State shared by the dialogue and the thread waiting for signals.
 #[derive(Debug, Default)]
 struct Session {
-    /// Path of the program.
-    program: PathBuf,
     /// Name of the program as called.
     called: OsString,
     /// Command lines that were run, with the exit status of failed ones.
@@ -207,10 +204,8 @@ impl Run for Runner {
         session.was_signalled.store(false, Ordering::SeqCst);
         session.is_running.store(true, Ordering::SeqCst);
         // No command reads standard input; keys typed meanwhile are for the next question.
-        let status = Command::new(&session.program)
-            .args(&line.words)
-            .stdin(Stdio::null())
-            .status();
+        let status =
+            again::command().and_then(|mut command| Ok(command.args(&line.words).stdin(Stdio::null()).status()?));
         session.is_running.store(false, Ordering::SeqCst);
         let was_signalled = session.was_signalled.load(Ordering::SeqCst);
         let status = status.context("the program cannot be started").map_err(Left::Failed)?;
@@ -232,10 +227,8 @@ impl Run for Runner {
     }
 
     fn output(&mut self, line: &Line) -> Result<Vec<u8>, String> {
-        let output = Command::new(&self.session.program)
-            .args(&line.words)
-            .stdin(Stdio::null())
-            .output();
+        let output =
+            again::command().and_then(|mut command| Ok(command.args(&line.words).stdin(Stdio::null()).output()?));
         let output = output.map_err(|error| error.to_string())?;
         if output.status.success() {
             Ok(output.stdout)

@@ -1,10 +1,11 @@
 //! `hemicube backends check`: the conformance suite on a backend, each case in a child process with a time limit. A
 //! crash or a hang is a result like any other.
 
+use crate::again;
 use crate::args::{Report as ReportArguments, Talk};
 use crate::exit::{Exit, hinted};
 use crate::outputs::Paths;
-use crate::prepare::{BUILT_IN, registry};
+use crate::prepare::{BACKENDS_HINT, BUILT_IN, registry};
 use crate::report::{self, JsonReport, SCHEMA, counted};
 use crate::selection::matches_glob;
 use anyhow::{Context, Result, anyhow, bail};
@@ -15,7 +16,7 @@ use hemicube_conformance::{Case, Outcome, cases, run as run_case};
 use hemicube_host::Options;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -165,10 +166,7 @@ pub(super) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let opened = match in_child(arguments, OPEN)?.0 {
         Answer::Opened(opened) => opened,
         Answer::Refused(message) => {
-            return Err(hinted(
-                anyhow!(message),
-                "`hemicube backends list` shows what is installed",
-            ));
+            return Err(hinted(anyhow!(message), BACKENDS_HINT));
         }
         other => bail!("backend `{}` does not open: {}", arguments.backend, other.text().1),
     };
@@ -242,8 +240,7 @@ fn say(answer: &Answer) -> Result<Exit> {
 
 /// Runs a case in a process of its own, for no longer than the limit.
 fn in_child(arguments: &Arguments, case: &str) -> Result<(Answer, f64)> {
-    let program = std::env::current_exe().context("the program's own path cannot be found")?;
-    let mut command = Command::new(program);
+    let mut command = again::command()?;
     command.args(["backends", "check", "--case", case]);
     for option in &arguments.backend_option {
         command.arg("--backend-option").arg(option);
