@@ -333,9 +333,11 @@ fn rows_of_patches_are_chosen_by_patch() {
     compute("-o few --by object -q --receivers b*").is(0);
     let (few, all) = (of("few"), of("all"));
     let floor = &few["floor"];
-    // Rows are refined by their columns: near, not equal.
-    let off = floor["block"] / all["floor"]["block"] - 1.0;
-    assert!(off.abs() < 0.01 && floor["west"] == 0.0, "{off:e}, {few:?}");
+    // Rows are refined by their columns: near, not equal. Each may be off by 2 % of its norm.
+    let walls = ["block", "ceiling", "floor", "east", "north", "south", "west"];
+    let norm = walls.map(|name| all["floor"][name].powi(2)).iter().sum::<f64>().sqrt();
+    let off = (floor["block"] - all["floor"]["block"]) / norm;
+    assert!(off.abs() < 0.04 && floor["west"] == 0.0, "{off:e}, {few:?}");
     assert!((floor["block"] + floor["unselected"] + floor["blocked"] + floor["escaped"] - 1.0).abs() < 0.01);
     compute("-o no --by object -q --rows 3..8")
         .is(2)

@@ -27,8 +27,8 @@ fn shares(model: &Model, tolerance: f64) -> Vec<RowShares> {
 }
 
 /// Plates over a floor, every other one turned: what its back takes is the form factor to it when it faces the floor,
-/// which nothing occludes. The rest escapes. Rays leave about a third of the tolerance, root mean square, and the worst of so
-/// many normal errors four times that.
+/// which nothing occludes. The rest escapes. Rays that divide what is lost leave a third of the tolerance, root mean square,
+/// and its sum, off by 0.75 T at most, half of that: √(0.33² + 0.38²) T. The worst of so many normal errors is three times as far.
 #[test]
 fn backs_take_what_their_fronts_would_see() {
     let size = DVec3::new(1.0, 1.0, 0.35);
@@ -72,7 +72,7 @@ fn backs_take_what_their_fronts_would_see() {
             "blocked at {tolerance}: {:.2} tolerances, root mean square",
             root / tolerance
         ));
-        assert!(root < 0.42 * tolerance, "{root} at {tolerance}");
+        assert!(root < 0.5 * tolerance, "{root} at {tolerance}");
         tally.finish("what backs take");
     }
 }

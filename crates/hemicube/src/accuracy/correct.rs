@@ -793,10 +793,21 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     }
 
     /// The non-visible shares of a finished row, refined to form factors of this sum and this expected error, which may
-    /// be off by `own` at most.
+    /// be off by `own` at most; ∞ where that is not known. Where it is, rays do not tell the sum better, and only divide
+    /// it.
     fn refined_shares(&mut self, factors: f64, error: f32, own: f64) -> RowShares {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
         let emitter = Emitter::new(self.model, self.emitter);
+        if own.is_finite() {
+            if !self.is_split(&emitter, by_hemicubes) {
+                return by_hemicubes;
+            }
+            let wanted = SURE_PART * self.permitted;
+            let divided = self.refined_until(&emitter, |found| found.division_error() <= wanted);
+            return divided.map_or(by_hemicubes, |found| {
+                found.shares().refined_within(factors, own.min(ASKED * self.permitted))
+            });
+        }
         if !self.needs_rays(&emitter, factors) {
             return by_hemicubes;
         }

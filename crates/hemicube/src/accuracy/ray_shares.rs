@@ -6,7 +6,7 @@
 //! distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance X (1 − X) n^(−5/4) of a
 //! share X.
 
-use crate::accuracy::refine::{STEPS_A_RAY, steps_beside};
+use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
 use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
 use crate::geometry::{self, Plane};
@@ -23,6 +23,9 @@ use crate::visibility::wide::WideTree;
 const FIRST: usize = 64;
 /// Number of rays of a measurement at least: a standard error of 0.016.
 const LEAST: usize = 4 * FIRST;
+/// Number of rays at most: as many as know any share to a third of 0.1 %. Entries know sums better that are asked for
+/// more.
+const MOST: usize = 1 << 17;
 /// Blocks of triangles in an emitter's box that are asked whether they cross it: some tenths of a millisecond.
 const MOST_CROSSED: usize = 1024;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
@@ -113,8 +116,8 @@ impl RayShares {
 
     /// Returns whether no further rays may be cast for a permitted error.
     pub(crate) fn is_at_its_bound(&self, permitted: f64) -> bool {
-        let steps = self.blocks.max(STEPS_A_RAY * self.rays as u64);
-        error(0.25, self.rays) <= permitted / ERRORS || steps >= steps_beside(permitted)
+        let is_sure = self.is_measurement() && error(0.25, self.rays) <= permitted / ERRORS;
+        is_sure || self.rays >= MOST || self.blocks >= steps_beside(permitted)
     }
 
     /// Casts the first rays from a patch. `None` for a patch without area.
@@ -125,7 +128,7 @@ impl RayShares {
     }
 
     /// Casts 256 rays, and twice as many until `is_enough`, or their bound is met: rays that know any share to a third of
-    /// the permitted error, or the steps of a search beside a row: 600 a ray, or a block of triangles each, as thousands of
+    /// the permitted error, 131,072 rays, or the steps of a search beside a row in blocks of triangles: thousands of
     /// triangles in one place are met by every ray to it.
     pub(crate) fn refine(
         &mut self,
@@ -356,7 +359,7 @@ mod tests {
                 .expect("it has area")
                 .rays
         };
-        assert_eq!((rays(1.0), rays(1e-3), rays(1e-6)), (256, 32_768, 1 << 21));
+        assert_eq!((rays(1.0), rays(1e-3), rays(1e-6)), (256, 32_768, 1 << 17));
         assert!(rays(0.01) > 256 && rays(0.01) <= 1024);
         // Nothing is lost below a plane without end.
         let p = DVec3::new;

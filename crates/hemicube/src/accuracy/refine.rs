@@ -297,8 +297,6 @@ pub(crate) fn steps_beside(tolerance: f64) -> u64 {
 }
 /// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
 const STEPS_A_PAIR: u64 = 30_000;
-/// Steps of one ray down the tree, about.
-pub(crate) const STEPS_A_RAY: u64 = 600;
 /// Growth of the number of rays at a pair before it is asked again how many it needs.
 const GROWTH: usize = 4;
 /// Number of rays that tell well enough how many more are needed.

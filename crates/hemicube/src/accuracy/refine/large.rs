@@ -8,7 +8,7 @@
 //! To the matrix such a row hardly matters: its form factors are small, and the larger one of each pair is measured in
 //! the other row. So rays are allotted by the row's own form factors.
 
-use super::{Allowance, Refined, Refiner, STEPS_A_PAIR, STEPS_A_RAY, smoothed};
+use super::{Allowance, Refined, Refiner, STEPS_A_PAIR, smoothed};
 use crate::accuracy::error_model::{FRACTIONS_SHARE, NEAR_RAY, TREE_RAY, rays_for, variance_of_rays};
 use crate::accuracy::row::Emitter;
 use crate::visibility::shaft::RAYS;
@@ -19,6 +19,9 @@ const LEAST_SHARE: f64 = 0.1;
 /// Mean squared error of a fraction that the bound of steps left unmeasured, about: nearly that of even odds between 0
 /// and 1, 1/12.
 pub(super) const UNMEASURED: f64 = 1.0 / 12.0;
+
+/// Steps of one ray down the tree, about.
+const STEPS_A_RAY: f64 = 600.0;
 
 /// The unoccluded form factor from which on pairs matter to the row, by those of the seen pairs.
 pub(super) fn least_factor(unoccluded: impl Iterator<Item = f64>) -> f64 {
@@ -101,7 +104,7 @@ impl Refiner<'_> {
                 if own > 0.0 {
                     let rays = rays_for(own * multiplier, TREE_RAY).max(2.0 * RAYS as f64);
                     left += own * variance_of_rays(rays);
-                    cost += rays * STEPS_A_RAY as f64 + STEPS_A_PAIR as f64 / 10.0;
+                    cost += rays * STEPS_A_RAY + STEPS_A_PAIR as f64 / 10.0;
                 }
             }
             (left, cost)
