@@ -54,7 +54,8 @@ def test_solutions_are_scipys() -> None:
         assert np.allclose(solution.irradiance[:, side], factors @ expected + outside[:, side], rtol=1e-7)
         balance = solution.balance[side]
         put_in = balance.pop("emitted") + balance.pop("from_outside")
-        assert balance.pop("returned") > 0.0, "of what is not lost"
+        # Of what rows lack of 1, or have beyond it.
+        assert 0.0 < abs(balance.pop("returned")) < 0.02 * put_in
         assert sum(balance.values()) == pytest.approx(put_in, rel=1e-9)
     assert solution.radiosity.shape == (count, 4)
 
