@@ -208,11 +208,11 @@ pub(crate) struct ErrorContribution {
 }
 
 impl ErrorContribution {
-    /// The expected squared error in the own row with multiplier λ, where pairs of z √d √λ ≤ `threshold` are not
+    /// The expected squared error in the own row with multiplier λ, where pairs of z √d √λ ≤ [`MEASURED_FROM`] are not
     /// measured, and rays leave `gain` of what usual ones do.
-    pub(crate) fn left(&self, multiplier: f64, threshold: f64, gain: RayGain) -> f64 {
+    pub(crate) fn left(&self, multiplier: f64, gain: RayGain) -> f64 {
         let (own, both) = (self.own * self.own, self.both * self.both * multiplier);
-        if both <= threshold * threshold {
+        if both <= MEASURED_FROM * MEASURED_FROM {
             return own;
         }
         let ray = if self.is_near { NEAR_RAY } else { 1.0 };
@@ -226,13 +226,12 @@ impl ErrorContribution {
 pub(crate) fn multiplier_for<'a>(
     contributions: impl Iterator<Item = &'a ErrorContribution> + Clone,
     budget: f64,
-    threshold: f64,
     gain: RayGain,
 ) -> f64 {
     let error = |multiplier: f64| {
         contributions
             .clone()
-            .map(|pair| pair.left(multiplier, threshold, gain))
+            .map(|pair| pair.left(multiplier, gain))
             .sum::<f64>()
     };
     if budget.is_infinite() || error(0.0) <= budget {
@@ -303,8 +302,8 @@ mod tests {
         assert_eq!(gain(1e-4, 50), 1.0);
         assert!((gain(3e-4, 50) - 3.0).abs() < 0.15, "{}", gain(3e-4, 50));
         assert!(gain(3e-4, 1) < 1.6, "one pair is believed a quarter");
-        let usual = multiplier_for([pair()].iter(), 1e-7, MEASURED_FROM, RayGain::default());
-        let more = multiplier_for([pair()].iter(), 1e-7, MEASURED_FROM, RayGain(3.0));
+        let usual = multiplier_for([pair()].iter(), 1e-7, RayGain::default());
+        let more = multiplier_for([pair()].iter(), 1e-7, RayGain(3.0));
         assert!(more > 2.0 * usual, "so more rays are paid for: {usual} {more}");
     }
 

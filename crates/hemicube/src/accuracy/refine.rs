@@ -90,7 +90,7 @@ impl Refinement {
     pub(crate) fn with_multiplier_of(self, rows: &[Vec<ErrorContribution>]) -> Self {
         let squared = (self.tolerance * self.effort).powi(2);
         let budget = FRACTIONS_SHARE * squared * self.mean_squared_norm * rows.len() as f64;
-        let multiplier = multiplier_for(rows.iter().flatten(), budget, MEASURED_FROM, self.gain);
+        let multiplier = multiplier_for(rows.iter().flatten(), budget, self.gain);
         Self { multiplier, ..self }
     }
 
@@ -449,11 +449,11 @@ impl<'c> Refiner<'c> {
     /// The row's multiplier: the scene's, or a larger one where the row by itself would be too far off. And the z √d
     /// from which on pairs are measured.
     fn limits(&self, budget: f64, steps: u64) -> Limits {
-        let (threshold, gain) = (MEASURED_FROM, self.refinement.gain);
+        let gain = self.refinement.gain;
         let mut multiplier = self.refinement.multiplier;
         if multiplier <= 0.0 {
-            multiplier = multiplier_for(self.contributions.iter(), FRACTIONS_SHARE * budget, threshold, gain);
-            let least = threshold / multiplier.sqrt();
+            multiplier = multiplier_for(self.contributions.iter(), FRACTIONS_SHARE * budget, gain);
+            let least = MEASURED_FROM / multiplier.sqrt();
             return Limits {
                 multiplier,
                 least,
@@ -461,14 +461,11 @@ impl<'c> Refiner<'c> {
             };
         }
         let most = FRACTIONS_SHARE * (ROW_SUM * self.refinement.tolerance).powi(2);
-        let left = self
-            .contributions
-            .iter()
-            .map(|pair| pair.left(multiplier, threshold, gain));
+        let left = self.contributions.iter().map(|pair| pair.left(multiplier, gain));
         if left.sum::<f64>() > most {
-            multiplier = multiplier_for(self.contributions.iter(), most, threshold, gain).max(multiplier);
+            multiplier = multiplier_for(self.contributions.iter(), most, gain).max(multiplier);
         }
-        let mut least = threshold / multiplier.sqrt();
+        let mut least = MEASURED_FROM / multiplier.sqrt();
         let unmeasured = |least: f64| -> f64 {
             let kept = self.contributions.iter().filter(|pair| pair.both <= least);
             kept.map(|pair| pair.own * pair.own).sum()

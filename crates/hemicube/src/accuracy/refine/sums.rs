@@ -8,8 +8,6 @@
 use super::{Allowance, Pair, Refined, Refiner, steps_beside};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
-#[cfg(test)]
-use crate::store::ERRORS;
 use crate::visibility::candidates::Least;
 
 /// First bound on the form factor of a missing pair, in parts of what the row lacks, each bound's part of the one before,
@@ -225,6 +223,7 @@ impl Refiner<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::ERRORS;
 
     fn factors(of: &[(f64, f64, f64)]) -> Vec<Uncertain> {
         of.iter()
