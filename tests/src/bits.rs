@@ -1,23 +1,26 @@
 //! Hashes of small matrices: whether a change changed bits, in seconds.
 //!
 //! `tests/golden/bits.txt` begins with [`PROGRAM`], by which a store is resumed; then a line for each of eight matrices
-//! at each of five accuracy levels by each engine of the CPU backend: matrix, level, engine, hash. Where bits differ and
-//! [`PROGRAM`] does not, an old store would be resumed with other numbers. Eight matrices cannot show every change:
+//! at each of four accuracy levels by each engine of the CPU backend: matrix, level, engine, hash; and some rows of one
+//! whose patches are several triangles, one of them large. Where bits differ and [`PROGRAM`] does not, an old store would
+//! be resumed with other numbers. Nine matrices cannot show every change:
 //! `scripts/same-bits` compares two builds on scenes of any size.
 
 use crate::extremes::{hinge, mote, near_plates, room_with_a_block, tower_through_the_ground};
-use crate::geometry::scene_of;
+use crate::geometry::{quad, scene_of};
 use crate::rows::{Rung, parts, plan, settings, settled};
 use crate::scenes::{model, model_as_it_is, workspace};
-use hemicube::Model;
+use glam::DVec3;
 use hemicube::accuracy::correct::Correction;
-use hemicube::driver::compute::Execution;
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
 use hemicube::driver::settings::PROGRAM;
 use hemicube::store::Part;
+use hemicube::{Grouping, Model, PatchKind};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice};
-use hemicube_scene::Subdivision;
 use hemicube_scene::generate::{cornell_box, cornell_box_open};
+use hemicube_scene::{Scene, Subdivision};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 const ENGINES: [(&str, EngineChoice); 3] = [
     ("depth", EngineChoice::Depth),
@@ -52,6 +55,42 @@ fn matrices() -> [(&'static str, Model); 8] {
         ("tower", model_as_it_is(&scene_of(tower), Subdivision::Split(2))),
         ("two-sided", model(two_sided, Subdivision::None)),
     ]
+}
+
+/// A ground of two triangles, which has several hemicubes, with walls on it.
+fn ground() -> (Scene, Model) {
+    let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    let ground = quad([at(0., 0., 0.), at(100., 0., 0.), at(100., 100., 0.), at(0., 100., 0.)]);
+    let walls = (0..144).flat_map(|k| {
+        let (x, y) = (f64::from(k % 12) * 8.3 + 0.3, f64::from(k / 12) * 8.3 + 0.3);
+        let turned = if k % 5 == 0 { at(0., 1., 0.) } else { at(1., 0., 0.) };
+        let foot = at(x, y, 0.);
+        quad([foot, foot + turned, foot + turned + DVec3::Z, foot + DVec3::Z])
+    });
+    let mut scene = scene_of(ground.into_iter().chain(walls));
+    for (k, triangle) in (0..).zip(&mut scene.triangles) {
+        triangle.face = if k < 2 { 0 } else { k / 3 };
+    }
+    let model = model_as_it_is(&scene, Subdivision::None);
+    (scene, model)
+}
+
+/// Some rows of the ground and its walls, by face.
+fn of_the_ground() -> Vec<(String, String)> {
+    let (scene, model) = ground();
+    let grouping = Grouping::new(&scene, model.patches(), PatchKind::Face).map(Arc::new);
+    let rows = RowChoice::Range { start: 0, end: 9 };
+    let hash_of = |(level, rung): (&str, Rung)| {
+        let plan = Plan::grouped(&model, rows, Selection::default(), 1, true, grouping.clone());
+        let (settings, backend) = (settings(rung.resolution), Box::new(CpuBackend::new()));
+        let plan = plan.with_correction(rung.correction);
+        let (parts, _) =
+            parts(&model, &plan, settings, backend, Execution::default()).expect("a backend that keeps its contract");
+        (format!("ground-by-face {level} depth"), hash(&parts))
+    };
+    // Finer levels take seconds, and differ where these do.
+    let coarse = rungs(&model, EngineChoice::Depth).into_iter().take(2);
+    coarse.map(hash_of).collect()
 }
 
 fn rungs(model: &Model, engine: EngineChoice) -> [(&'static str, Rung); 4] {
@@ -119,6 +158,7 @@ impl Bits {
                 }
             }
         }
+        hashes.extend(of_the_ground());
         Self {
             program: PROGRAM.to_owned(),
             hashes,

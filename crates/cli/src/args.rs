@@ -38,16 +38,6 @@ pub(crate) struct Talk {
         hide_short_help = true
     )]
     pub(crate) color: Color,
-    /// How messages on standard error look; json: one object a line, stages with their times among them
-    #[arg(
-        long,
-        global = true,
-        value_name = "text|json",
-        default_value = "text",
-        hide_possible_values = true,
-        hide_short_help = true
-    )]
-    pub(crate) log_format: LogFormat,
 }
 
 /// When there is colour.
@@ -59,15 +49,6 @@ pub(crate) enum Color {
     Always,
     /// Nowhere.
     Never,
-}
-
-/// Form of messages on standard error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LogFormat {
-    /// For people.
-    Text,
-    /// A JSON object a line, with the time, and the stages of a run with how long they took.
-    Json,
 }
 
 /// Reading of a scene, and its subdivision into patches.

@@ -701,7 +701,6 @@ mod tests {
             "quiet",
             "verbose",
             "no-progress",
-            "log-format",
             "color",
             // Each process has its own.
             "shard",

@@ -62,6 +62,8 @@ pub fn settings(correction: &Correction) -> RowSettings {
         correction: correction.name(),
         tolerance: None,
         reason: None,
+        price: None,
+        update: None,
         rotation: true,
         subdivision: SubdivisionRecord::from(Subdivision::Split(2)),
         two_sided: "auto",

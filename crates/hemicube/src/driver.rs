@@ -14,3 +14,4 @@ pub mod room;
 pub mod selection;
 pub mod settings;
 pub mod storage_policy;
+pub mod update;

@@ -109,6 +109,8 @@ pub struct Model {
     order: Vec<u32>,
     center: DVec3,
     scale: f64,
+    /// The number by which random numbers are drawn for each patch; empty: its own.
+    drawn_by: Arc<[u32]>,
 }
 
 impl Model {
@@ -210,7 +212,27 @@ impl Model {
             order,
             center,
             scale,
+            drawn_by: Arc::default(),
         })
+    }
+
+    /// The model with other numbers by which random numbers are drawn for its patches: those of another scene with the
+    /// same patches, whose rows these are to equal.
+    ///
+    /// # Panics
+    /// When numbers are not as many as patches.
+    #[must_use]
+    pub fn drawn_by(self, numbers: Vec<u32>) -> Self {
+        assert_eq!(numbers.len(), self.patches.len(), "a number for each patch");
+        Self {
+            drawn_by: numbers.into(),
+            ..self
+        }
+    }
+
+    /// The number by which random numbers are drawn for a patch.
+    pub(crate) fn number_of(&self, patch: u32) -> u32 {
+        self.drawn_by.get(patch as usize).copied().unwrap_or(patch)
     }
 
     /// The patches, in input order.
@@ -245,7 +267,11 @@ impl Model {
     /// the patch turns them a little about the normal ([`frame::turn`]).
     pub fn hemicubes(&self, patch: InputPatch, n: u32, rotate: bool) -> Vec<Hemicube> {
         let corners = self.normalised_corners(patch.0);
-        let turn = if rotate { frame::turn(patch) } else { 0.0 };
+        let turn = if rotate {
+            frame::turn(InputPatch(self.number_of(patch.0)))
+        } else {
+            0.0
+        };
         let Some(axes) = frame::axes(corners, 0.0).and_then(|[_, _, normal]| frame::axes_of(normal, turn)) else {
             return Vec::new();
         };

@@ -12,6 +12,7 @@ use hemicube::driver::compute::{PartSink, Progress, RowChoice};
 use hemicube::driver::glazing::matrix_of_band;
 use hemicube::driver::job::{Job, Observer, PartListener, Run, Sessions, Stage, StorePlace};
 use hemicube::driver::level::{Asked, DEFAULT_TOLERANCE};
+use hemicube::driver::update::Update;
 use hemicube::portal::Portals;
 use hemicube::store::{Form, Part, PatchTable, Store};
 use hemicube::{Grouping, Model, PatchKind};
@@ -208,6 +209,7 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<V
     let (input, patches) = (&scene.input, &scene.patches);
     let headers = run.headers(input).map_err(|error| errors::store(&error))?;
     let grouping = run.plan.groups.as_ref().map(|groups| Arc::clone(&groups.grouping));
+    let numbers = run.plan.taken.as_ref().map(|taken| taken.numbers().to_vec());
     let mut parts: Vec<Vec<Part>> = headers.iter().map(|_| Vec::new()).collect();
     let mut sinks: Vec<&mut dyn PartSink> = parts.iter_mut().map(|parts| parts as &mut dyn PartSink).collect();
     let summaries = run
@@ -217,7 +219,10 @@ fn in_memory(run: Run<'_>, scene: &Scene, observer: &Attended<'_>) -> PyResult<V
         return Err(interrupted());
     }
     let matrix = |(header, parts)| {
-        let table = PatchTable::of(input, patches, grouping.as_deref());
+        let table = PatchTable {
+            drawn_by: numbers.clone().unwrap_or_default(),
+            ..PatchTable::of(input, patches, grouping.as_deref())
+        };
         Matrix::in_memory(header, table, parts)
     };
     headers.into_iter().zip(parts).map(matrix).collect()
@@ -254,6 +259,9 @@ pub(crate) fn interrupted() -> PyErr {
 /// `hemicube compute`, and an interrupted run is resumed by the next one; `store='compact'` takes a third of the room,
 /// `store='double'` keeps form factors in f64.
 ///
+/// `update` is the store of the scene before a change, computed with the same settings: rows of patches that see nothing
+/// of the change are taken over from it, and the others have its random numbers.
+///
 /// From a million patches on, the store is compact and form factors below 1e-7 are left out, unless `store` and
 /// `min_factor` say otherwise, or a tolerance below 0.3 % is asked for.
 ///
@@ -264,7 +272,7 @@ pub(crate) fn interrupted() -> PyErr {
 #[pyo3(signature = (
     scene, *, tolerance=None, correction=None, resolution=None, samples=None, rotation=true, rows=None,
     sample_rows=None, seed=1, emitters=Vec::new(), receivers=Vec::new(), occluders=Vec::new(), patches=None,
-    min_factor=None, output=None, store=None, overwrite=false, backend="cpu", backend_dir=None,
+    min_factor=None, output=None, store=None, overwrite=false, update=None, backend="cpu", backend_dir=None,
     backend_options=None, engine="auto", culling=None, batch=0, threads=0, progress=None, specular=None,
     specular_bound=None, symmetry=std::collections::BTreeMap::new(), sector=None,
     periodic=std::collections::BTreeMap::new(), repeats=None, band=None
@@ -289,6 +297,7 @@ pub(crate) fn compute(
     output: Option<PathBuf>,
     store: Option<&str>,
     overwrite: bool,
+    update: Option<PathBuf>,
     backend: &str,
     backend_dir: Option<PathBuf>,
     backend_options: Option<std::collections::BTreeMap<String, String>>,
@@ -316,7 +325,7 @@ pub(crate) fn compute(
         repeats,
         tolerance: accuracy.tolerance(),
     };
-    let (portals, model) = match &band {
+    let (portals, mut model) = match &band {
         Some(AskedBand::Several(names)) => asked_portals.of_bands(scene, names)?,
         Some(AskedBand::One(name)) => one(asked_portals.portals(scene, Some(name))?),
         None => one(asked_portals.portals(scene, None)?),
@@ -338,7 +347,17 @@ pub(crate) fn compute(
             "`min_factor` is {least}; a number from 0 up to 1 is needed"
         )));
     }
+    let update = match update {
+        Some(directory) => {
+            let whole = model.take().unwrap_or_else(|| scene.model.clone());
+            let update = Update::open(&directory, whole.patches()).map_err(|error| errors::update(&error))?;
+            model = Some(update.number(whole));
+            Some(Arc::new(update))
+        }
+        None => None,
+    };
     let job = Job {
+        update,
         portals: portals.next().unwrap_or_default(),
         accuracy,
         rotate: rotation,

@@ -6,6 +6,7 @@ use hemicube::driver::input::InputError;
 use hemicube::driver::job::JobError;
 use hemicube::driver::level::LevelError;
 use hemicube::driver::room::TooManyPatches;
+use hemicube::driver::update::UpdateError;
 use hemicube::solve::SolveError;
 use hemicube::store::Error as StoreError;
 use hemicube_host::OpenError;
@@ -154,8 +155,17 @@ pub(crate) fn job(error: &JobError) -> PyErr {
             input("no row is left to compute: `rows`, `emitters` and `occluders` together exclude every patch")
         }
         JobError::Rows(failed) => compute(&failed.source),
+        JobError::Update(error) | JobError::Level(LevelError::Update(error)) => update(error),
         JobError::Store(error) => store(error),
         JobError::MixedOptics { by, .. } => input(format!("{error}; `patches='{by}'` has no such patches")),
+        error => input(message(error)),
+    }
+}
+
+/// A matrix that rows cannot be taken over from.
+pub(crate) fn update(error: &UpdateError) -> PyErr {
+    match error {
+        UpdateError::Store(error) => store(error),
         error => input(message(error)),
     }
 }

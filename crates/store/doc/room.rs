@@ -49,6 +49,7 @@ pub fn table() -> PatchTable {
         area: vec![1.0; 6],
         centroid: NORMALS.map(|normal| normal.map(|along| 0.5 - 0.5 * along)).to_vec(),
         normal: NORMALS.to_vec(),
+        ..PatchTable::default()
     }
 }
 

@@ -413,6 +413,11 @@ impl Manifest {
         *blake3::hash(sorted(&identity).to_string().as_bytes()).as_bytes()
     }
 
+    /// [`Self::run_id`] in hexadecimal, as a matrix that takes rows over names this one.
+    pub fn run(&self) -> String {
+        blake3::Hash::from_bytes(self.run_id()).to_hex().to_string()
+    }
+
     /// Difference between the runs of two stores, for a person, theirs first; `None` when their parts belong together.
     /// The scene's content counts, not its file's name.
     pub(crate) fn difference(&self, other: &Self) -> Option<String> {
@@ -668,6 +673,12 @@ pub struct PatchTable {
     pub centroid: Vec<[f64; 3]>,
     /// Unit normal, away from the radiating side; zero for a patch without area, and for elements that lie in no plane.
     pub normal: Vec<[f64; 3]>,
+    /// The three corners, in the file's unit, counter-clockwise as seen from the radiating side; empty where patches are
+    /// several elements.
+    pub corners: Vec<[[f64; 3]; 3]>,
+    /// The number by which random numbers are drawn for a patch; empty: its own. A matrix that took rows over from
+    /// another has the numbers of that one.
+    pub drawn_by: Vec<u32>,
 }
 
 impl PatchTable {
@@ -689,6 +700,9 @@ impl PatchTable {
             table.area.push(patches.area(patch));
             table.centroid.push(patches.centroid(patch).to_array());
             table.normal.push(patches.normal(patch).to_array());
+            table
+                .corners
+                .push(patches.corners(patch).map(|corner| corner.to_array()));
         }
         table
     }
@@ -713,7 +727,11 @@ impl PatchTable {
             self.centroid.len(),
             self.normal.len(),
         ];
+        let optional = [self.corners.len(), self.drawn_by.len()];
         lengths.iter().all(|&length| length == patch_count as usize)
+            && optional
+                .iter()
+                .all(|&length| length == 0 || length == patch_count as usize)
     }
 }
 

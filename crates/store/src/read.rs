@@ -32,12 +32,15 @@ pub(super) const SHARES: &str = "shares";
 /// Arrays of a part, and of the patch table, with what portals handed on and what was cut off after them.
 pub(super) const PASSED: &str = "passed";
 pub(super) const CUT_OFF: &str = "cut_off";
+/// Optional arrays of the patch table.
+pub(super) const CORNERS: &str = "corners";
+pub(super) const DRAWN_BY: &str = "drawn_by";
 
 /// The array of a part, and of the patch table, with the id of its run.
 pub(super) const RUN: &str = "run";
 
 /// Least bytes of the patch table for a patch.
-const PATCH_SIZE: u64 = 149;
+pub(super) const PATCH_SIZE: u64 = 149;
 
 /// Checks that a file has passed, a bit each.
 mod found {
@@ -785,6 +788,17 @@ pub(super) fn read_patches(path: &Path, npz: &mut Npz, manifest: &Manifest) -> R
         area: npz.shaped("area", &[count])?,
         centroid: triples(npz.shaped("centroid", &[count, 3])?),
         normal: triples(npz.shaped("normal", &[count, 3])?),
+        corners: if npz.has(CORNERS) {
+            let points = triples(npz.shaped(CORNERS, &[count, 3, 3])?);
+            points.as_chunks::<3>().0.to_vec()
+        } else {
+            Vec::new()
+        },
+        drawn_by: if npz.has(DRAWN_BY) {
+            npz.shaped(DRAWN_BY, &[count])?
+        } else {
+            Vec::new()
+        },
     };
     validate::patches(
         &table,

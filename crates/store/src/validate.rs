@@ -258,6 +258,11 @@ pub(super) fn patches(table: &PatchTable, objects: usize, materials: usize, kind
         if !centroid.iter().all(|coordinate| coordinate.is_finite()) {
             return Err(format!("has patch {patch} with the centroid {centroid:?}"));
         }
+        if let Some(corners) = table.corners.get(patch)
+            && !corners.as_flattened().iter().all(|coordinate| coordinate.is_finite())
+        {
+            return Err(format!("has patch {patch} with the corners {corners:?}"));
+        }
         let square: f64 = normal.iter().map(|component| component * component).sum();
         let off = (square - 1.0).abs();
         if may_be_several && square == 0.0 {

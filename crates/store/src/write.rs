@@ -6,7 +6,7 @@ use super::lock::{Lock, Mode};
 use super::manifest::{FileEntry, PARTS_DIRECTORY, PATCH_COUNT_MAX, PATCHES_FILE, part_file};
 use super::npy::{Element, ElementType};
 use super::npz::{Elements, Npz, NpzWriter};
-use super::read::{CUT_OFF, PASSED, RUN, SHARES, THINNING};
+use super::read::{CORNERS, CUT_OFF, DRAWN_BY, PASSED, PATCH_SIZE, RUN, SHARES, THINNING};
 use super::{
     Error, FactorSlice, Form, Header, Manifest, Part, PartEntry, PartThinning, Passage, PatchTable, Result, RowSums,
     RowTable, Shard, compact, validate,
@@ -15,8 +15,10 @@ use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
 use std::path::{Path, PathBuf};
 
-/// Columns of the patch table known before the run, in the file's order.
-const GEOMETRY: [&str; 7] = ["face", "object", "material", "side", "area", "centroid", "normal"];
+/// Columns of the patch table known before the run, in the file's order. The last two may be missing.
+const GEOMETRY: [&str; 9] = [
+    "face", "object", "material", "side", "area", "centroid", "normal", CORNERS, DRAWN_BY,
+];
 
 /// Elements copied at a time.
 const COPY: usize = 1 << 16;
@@ -285,7 +287,8 @@ impl StoreWriter {
 
     fn write_patches(&mut self, patches: &PatchTable) -> Result<()> {
         let path = self.directory.join(PATCHES_FILE);
-        let wanted = 149 * u64::from(self.manifest.patch_count) + 4096;
+        let optional = 72 * patches.corners.len() as u64 + 4 * patches.drawn_by.len() as u64;
+        let wanted = PATCH_SIZE * u64::from(self.manifest.patch_count) + optional + 4096;
         let (columns, run) = (&self.columns, self.run);
         let checksum = write_archive(&path, wanted, &self.label(), |npz| {
             let count = patches.len() as u64;
@@ -296,6 +299,12 @@ impl StoreWriter {
             npz.array(GEOMETRY[4], &[count], &patches.area)?;
             npz.array(GEOMETRY[5], &[count, 3], patches.centroid.as_flattened())?;
             npz.array(GEOMETRY[6], &[count, 3], patches.normal.as_flattened())?;
+            if !patches.corners.is_empty() {
+                npz.array(CORNERS, &[count, 3, 3], patches.corners.as_flattened().as_flattened())?;
+            }
+            if !patches.drawn_by.is_empty() {
+                npz.array(DRAWN_BY, &[count], &patches.drawn_by)?;
+            }
             columns.write(npz)?;
             npz.array(RUN, &[32], &run)
         })?;
@@ -313,6 +322,9 @@ impl StoreWriter {
         let mut known = Npz::open(&path)?;
         let mut sources = Vec::with_capacity(GEOMETRY.len());
         for name in GEOMETRY {
+            if !known.has(name) {
+                continue;
+            }
             let header = known.header(name)?.clone();
             let elements = known.elements(name)?;
             let Some(size) = header.total_size().map(|size| size - header.size) else {
@@ -321,7 +333,8 @@ impl StoreWriter {
             sources.push((name, header, elements, size));
         }
         let file = known.into_file();
-        let wanted = 149 * u64::from(self.manifest.patch_count) + 4096;
+        let geometry: u64 = sources.iter().map(|(_, _, _, size)| size).sum();
+        let wanted = PATCH_SIZE * u64::from(self.manifest.patch_count) + geometry + 4096;
         let (columns, run) = (&self.columns, self.run);
         // The table is read up to its last byte and closed before the new one takes its name: some systems replace no
         // open file.

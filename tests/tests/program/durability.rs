@@ -534,42 +534,6 @@ fn how_far_it_is_can_be_read_from_outside() {
         .says(&["place.json` cannot be written"]);
 }
 
-#[test]
-fn messages_can_be_json() {
-    let place = city(1_000);
-    let lines = |text: &str| -> Vec<serde_json::Value> {
-        let line = |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
-        text.lines().map(line).collect()
-    };
-    let ran = place.line("compute city.obj -o m --log-format json").is(0);
-    let said = lines(&ran.err);
-    for stage in ["load", "settle", "build", "store", "rows", "finish"] {
-        let closed = |line: &&serde_json::Value| line["message"] == "close" && line["span"]["stage"] == stage;
-        let line = said
-            .iter()
-            .find(closed)
-            .unwrap_or_else(|| panic!("no `{stage}` in {}", ran.err));
-        assert!(line["time.busy"].is_string() && line["timestamp"].is_string(), "{line}");
-    }
-    assert!(said.iter().any(|line| {
-        line["message"]
-            .as_str()
-            .is_some_and(|text| text.contains("1,000 rows in "))
-    }));
-    let failed = place
-        .line("compute city.obj -o m --tolerance 5% --log-format json")
-        .is(2);
-    let said = lines(&failed.err);
-    let last = said.last().expect("a line");
-    assert_eq!(last["level"], "ERROR");
-    assert!(
-        last["hint"].as_str().is_some_and(|hint| hint.contains("--overwrite")),
-        "{last}"
-    );
-    let quiet = place.line("compute city.obj -o m --log-format json -q").is(0);
-    assert_eq!(quiet.err, "");
-}
-
 /// The built-in backend, which dies at some hemicube.
 struct Dying {
     inner: Box<dyn HemicubeBackend>,

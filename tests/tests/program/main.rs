@@ -11,4 +11,5 @@ mod security;
 mod side_by_side;
 mod store_mutants;
 mod study;
+mod update;
 mod verdicts;

@@ -29,6 +29,7 @@ use hemicube::driver::job::{
 use hemicube::driver::probe::share_left;
 use hemicube::driver::room::Work;
 use hemicube::driver::settings::RowSettings;
+use hemicube::driver::update::Update;
 use hemicube::portal::Portals;
 use hemicube::store::{Error as StoreError, Form, Manifest, Part, Shard, Store, Thinning};
 use hemicube::{Grouping, InputPatch, PatchKind};
@@ -538,12 +539,23 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     drop(stage);
     prepared.tell(talk);
     tell_portals(&portals, talk);
+    let update = match &arguments.update {
+        Some(directory) => {
+            let update = Update::open(directory, prepared.model.patches())?;
+            prepared.model = update.number(prepared.model);
+            Some(Arc::new(update))
+        }
+        None => None,
+    };
     let sessions = Sessions {
         rows: backend,
         calibration: arguments.render.open_backend(Talk::SILENT)?,
     };
     let has_portals = !portals.is_empty();
-    let job = job(arguments, &prepared, portals)?;
+    let job = Job {
+        update: update.clone(),
+        ..job(arguments, &prepared, portals)?
+    };
     let mut run = job
         .prepare(&prepared.scene, &prepared.model, sessions, &watch)
         .map_err(explain)?;
@@ -552,6 +564,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
             .with_band(&job, &prepared.scene, Arc::new(portals))
             .map_err(explain)?;
     }
+    tell_taken(arguments, &run, update.as_deref(), talk);
     tell_backend(&run, &prepared, talk);
     tell_composed(&run, talk);
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
@@ -729,6 +742,7 @@ fn job(arguments: &Arguments, prepared: &Prepared, portals: Portals) -> Result<J
         threads: arguments.render.thread_count(),
         batch: arguments.batch as usize,
         portals: Arc::new(portals),
+        update: None,
     })
 }
 
@@ -740,6 +754,20 @@ fn tell_portals(portals: &Portals, talk: Talk) {
             Some(repeats) => format!("{cells}, the scene and its images: {repeats} repeats on either side of a period"),
             None => format!("{cells}, the scene and its images"),
         });
+    }
+}
+
+/// Tells how many rows are taken over.
+fn tell_taken(arguments: &Arguments, run: &Run<'_>, update: Option<&Update>, talk: Talk) {
+    if let (Some(update), Some(taken), Some(directory)) = (update, &run.plan.taken, &arguments.update) {
+        let [removed, added] = update.changed().map(count);
+        talk.say(&format!(
+            "{} of {} taken over from `{}`: they see nothing of the {removed} patches that are gone, and of the {added} \
+             that are new",
+            count(taken.count),
+            counted(run.plan.rows.len() as u64, "row"),
+            directory.display(),
+        ));
     }
 }
 

@@ -16,7 +16,7 @@ mod lines;
 mod menus;
 mod settings;
 
-use crate::args::{Color, LogFormat, Talk};
+use crate::args::{Color, Talk};
 use crate::exit::Exit;
 use crate::{again, progress, report};
 use anyhow::{Context, Result};
@@ -124,7 +124,6 @@ fn common(talk: Talk) -> Vec<OsString> {
     let flags = [
         (talk.quiet, "--quiet"),
         (talk.verbose, "--verbose"),
-        (talk.log_format == LogFormat::Json, "--log-format=json"),
         (talk.color == Color::Always, "--color=always"),
         (talk.color == Color::Never, "--color=never"),
     ];

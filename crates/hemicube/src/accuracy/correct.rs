@@ -108,6 +108,14 @@ impl Correction {
         }
     }
 
+    /// The price of a pair found for the tolerance, where one is asked, for manifests.
+    pub(crate) fn price(&self) -> Option<String> {
+        match self {
+            Self::Tolerance(refinement) => Some(refinement.price()),
+            Self::Pixel => None,
+        }
+    }
+
     /// |ΣF + non-visible shares − 1| from which on a row with these weights is inconsistent.
     fn inconsistent_from(&self, sums: &RowSums) -> f64 {
         match self {

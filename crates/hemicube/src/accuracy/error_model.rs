@@ -45,6 +45,20 @@ impl Default for PriorVariances {
 }
 
 impl PriorVariances {
+    /// Variances by class and nearness, one after the other; `None` where they are not as many.
+    pub(crate) fn of_table(variances: &[f64]) -> Option<Self> {
+        let mut table = [[0.0; NEARNESSES]; CLASSES];
+        if variances.len() != CLASSES * NEARNESSES {
+            return None;
+        }
+        for (to, &variance) in table.as_flattened_mut().iter_mut().zip(variances) {
+            #[allow(clippy::cast_possible_truncation, reason = "it was an f32")]
+            let variance = variance as f32;
+            *to = variance;
+        }
+        Some(Self(table))
+    }
+
     /// The variances by class and nearness.
     pub fn table(&self) -> &[[f32; NEARNESSES]; CLASSES] {
         &self.0
@@ -139,6 +153,13 @@ impl Default for RayGain {
 }
 
 impl RayGain {
+    /// A factor as [`Self::factor`] tells it.
+    pub(crate) fn of(factor: f64) -> Self {
+        #[allow(clippy::cast_possible_truncation, reason = "it was an f32")]
+        let factor = factor as f32;
+        Self(factor)
+    }
+
     pub(crate) fn factor(self) -> f64 {
         f64::from(self.0)
     }

@@ -169,7 +169,7 @@ impl RayShares {
             normal,
             offset: normal.dot(a),
         };
-        let sequence = Sequence::new(u64::from(emitter.patch.0).wrapping_mul(splitmix::STEP));
+        let sequence = Sequence::new(u64::from(emitter.number()).wrapping_mul(splitmix::STEP));
         let spaces = Spaces::of(emitter.model);
         let is_closed = spaces.is_closed(emitter.patch.0);
         let is_apart = |id| id >= tree.patch_count || spaces.separate(emitter.patch.0, id);

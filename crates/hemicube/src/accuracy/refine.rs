@@ -86,6 +86,50 @@ impl Refinement {
         }
     }
 
+    /// What was found of the scene, as numbers in words; [`Self::of_price`] reads it to the bit.
+    pub(crate) fn price(&self) -> String {
+        let flags = [self.each, self.is_open].map(|flag| f64::from(u8::from(flag)));
+        let found = [self.effort, self.mean_squared_norm, self.multiplier, self.gain.factor()];
+        let priors = self
+            .priors
+            .table()
+            .iter()
+            .flatten()
+            .map(|&variance| f64::from(variance));
+        let numbers: Vec<String> = flags
+            .into_iter()
+            .chain(found)
+            .chain(priors)
+            .map(|number| number.to_string())
+            .collect();
+        numbers.join(" ")
+    }
+
+    /// The refinement for a tolerance at the price of another scene; `None` where the words are no price.
+    pub(crate) fn of_price(tolerance: f64, price: &str) -> Option<Self> {
+        let numbers = price
+            .split_whitespace()
+            .map(|word| word.parse().ok().filter(|number: &f64| number.is_finite()));
+        let numbers = numbers.collect::<Option<Vec<f64>>>()?;
+        let (&[each, is_open, effort, mean_squared_norm, multiplier, gain], priors) = numbers.split_first_chunk()?;
+        let refinement = Self::for_tolerance(tolerance);
+        Some(Self {
+            rule: if each == 1.0 {
+                FactorRule::exact()
+            } else {
+                refinement.rule
+            },
+            each: each == 1.0,
+            is_open: is_open == 1.0,
+            effort,
+            mean_squared_norm,
+            multiplier,
+            gain: RayGain::of(gain),
+            priors: PriorVariances::of_table(priors)?,
+            ..refinement
+        })
+    }
+
     /// Sets the multiplier at which a sample of rows leaves the effort's Σ (F − true F)².
     pub(crate) fn with_multiplier_of(self, rows: &[Vec<ErrorContribution>]) -> Self {
         let squared = (self.tolerance * self.effort).powi(2);
@@ -392,7 +436,7 @@ impl<'c> Refiner<'c> {
         self.find_contributions(emitter.area);
         let limits = self.limits(budget, most_steps);
         let mut refined = Refined::default();
-        self.find_probes(emitter.patch);
+        self.find_probes(emitter.number());
         self.measure(emitter, limits, &mut refined);
         if self.refinement.proves {
             self.prove_seen(emitter, most_steps, &mut refined);
@@ -573,7 +617,7 @@ impl<'c> Refiner<'c> {
                 if steps >= steps_beside(self.refinement.tolerance) {
                     break;
                 }
-                let seed = seed(emitter.patch.0, pair.patch);
+                let seed = seed(&emitter, pair.patch);
                 if splitmix::unit(splitmix::hash(seed.wrapping_add(splitmix::STEP))) >= chance {
                     continue;
                 }
@@ -680,13 +724,13 @@ impl<'c> Refiner<'c> {
 
     /// Draws probes: pairs of each group in proportion to their part in its expected squared error, evenly through the
     /// row.
-    fn find_probes(&mut self, emitter: InputPatch) {
+    fn find_probes(&mut self, number: u32) {
         let mut totals = [0.0; GROUPS];
         for (contribution, pair) in self.contributions.iter().zip(&self.pairs) {
             totals[pair.cell.group()] += contribution.own * contribution.own;
         }
         let steps = totals.map(|total| total / PROBES);
-        let first = splitmix::unit(splitmix::hash(u64::from(emitter.0).wrapping_add(splitmix::STEP)));
+        let first = splitmix::unit(splitmix::hash(u64::from(number).wrapping_add(splitmix::STEP)));
         let mut next = steps.map(|step| first * step);
         let mut sums = [0.0; GROUPS];
         self.is_probe.clear();
@@ -759,7 +803,7 @@ impl<'c> Refiner<'c> {
             pair.fraction = 1.0;
             return refined;
         }
-        let seed = seed(emitter.patch.0, pair.patch);
+        let seed = seed(emitter, pair.patch);
         let z = pair.exchange_area * pair.per_area;
         let ray = match (triangles.is_crowded, triangles.is_near) {
             (true, _) => TREE_RAY,
@@ -857,6 +901,7 @@ const PRIOR_RAYS: usize = 512;
 const PRIOR_FIRST_RAYS: usize = 64;
 
 /// The seed of a pair, the same in both directions.
-fn seed(i: u32, j: u32) -> u64 {
+fn seed(emitter: &Emitter<'_>, patch: u32) -> u64 {
+    let [i, j] = [emitter.patch.0, patch].map(|patch| emitter.model.number_of(patch));
     (u64::from(i.min(j)) << 32 | u64::from(i.max(j))).wrapping_mul(splitmix::STEP)
 }

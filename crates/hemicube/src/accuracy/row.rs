@@ -28,6 +28,11 @@ impl<'m> Emitter<'m> {
         }
     }
 
+    /// The number by which random numbers are drawn for it.
+    pub(crate) fn number(&self) -> u32 {
+        self.model.number_of(self.patch.0)
+    }
+
     /// For [`crate::visibility::shaft::Shaft::pair`].
     pub(crate) fn triangle(&self) -> PatchTriangle<'_> {
         PatchTriangle::new(self.patch.0, &self.corners)

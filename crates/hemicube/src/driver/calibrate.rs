@@ -101,7 +101,7 @@ const NORM_ENTRIES: usize = 1_000_000;
 const SEED: u64 = 0x7E57_0F70;
 /// Pixels along an edge, at every tolerance: a choice. With fewer, more pairs are seen in part; with more, rendering takes
 /// longer.
-const RESOLUTION: u32 = 128;
+pub(crate) const RESOLUTION: u32 = 128;
 
 /// Columns and form factors of a row.
 type Row = Vec<(u32, f64)>;

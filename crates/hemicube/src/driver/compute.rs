@@ -146,6 +146,8 @@ pub struct Summary {
     pub corrected: u64,
     /// Partially visible pairs, at accuracy levels that know.
     pub partial: u64,
+    /// Rows taken over from the matrix of an earlier state of the scene.
+    pub taken: u64,
     /// Rows of elements that met the bound on their work before all pairs worth it were measured. Their expected error,
     /// at accuracy levels that estimate it, includes the pairs left.
     pub cut_short: u64,
@@ -521,6 +523,7 @@ struct Batch {
     pairs: u64,
     partial: u64,
     cut_short: u64,
+    taken: u64,
     counters: Counters,
     slowest: Option<(InputPatch, Duration)>,
     row_time: Duration,
@@ -535,6 +538,8 @@ type Computed = (usize, Result<Vec<Batch>, ComputeError>);
 #[derive(Debug)]
 struct BatchRow {
     emitter: InputPatch,
+    /// The row, where it is taken over: it has no hemicubes then.
+    taken: Option<FinishedRow>,
     /// n of the n² hemicubes.
     per_edge: u32,
     hemicubes: Range<usize>,
@@ -654,10 +659,19 @@ impl<'a> Worker<'a> {
         let mut rows = Vec::with_capacity(emitters.len());
         for &emitter in emitters {
             let start = hemicubes.len();
+            let taken = plan
+                .taken
+                .as_ref()
+                .map(|taken| taken.row(emitter))
+                .transpose()?
+                .flatten();
             let per_edge = plan.per_edge(model, emitter);
-            hemicubes.extend(model.hemicubes(emitter, per_edge, plan.rotate));
+            if taken.is_none() {
+                hemicubes.extend(model.hemicubes(emitter, per_edge, plan.rotate));
+            }
             rows.push(BatchRow {
                 emitter,
+                taken,
                 per_edge,
                 hemicubes: start..hemicubes.len(),
             });
@@ -666,7 +680,7 @@ impl<'a> Worker<'a> {
         let first = emitters.first().copied().unwrap_or(InputPatch(0));
         let (began, steps_before) = (Instant::now(), steps::taken());
         let session = self.session.as_mut();
-        let counters = if self.draws_once {
+        let counters = if self.draws_once || hemicubes.is_empty() {
             Counters::default()
         } else {
             render(model, self.run.settings, session, first, &hemicubes, &mut self.rows)?
@@ -681,6 +695,10 @@ impl<'a> Worker<'a> {
         for mut row in rows {
             if self.converter.is_cancelled() {
                 break;
+            }
+            if let Some(taken) = row.taken.take() {
+                self.end_taken(taken, &mut batches)?;
+                continue;
             }
             let began = Instant::now();
             let own = &hemicubes[row.hemicubes.clone()];
@@ -704,6 +722,21 @@ impl<'a> Worker<'a> {
         let steps = steps::taken() - steps_before;
         batches.iter_mut().for_each(|batch| batch.steps = steps);
         Ok(batches)
+    }
+
+    /// Ends a row that is taken over, for each band.
+    fn end_taken(&mut self, row: FinishedRow, batches: &mut [Batch]) -> Result<(), ComputeError> {
+        let drawn = Drawn {
+            hemicubes: &[],
+            items: &[],
+        };
+        let session = self.session.as_mut();
+        let rows = std::iter::repeat_n(row, batches.len());
+        for (number, ((band, batch), row)) in self.bands.iter_mut().zip(batches).zip(rows).enumerate() {
+            batch.taken += 1;
+            band.end_row(row, drawn, session, (&mut self.common, number), batch)?;
+        }
+        Ok(())
     }
 
     /// Renders and checks a row, with its item buffers unless they exceed [`MOST_PIXELS_KEPT`].
@@ -1025,6 +1058,7 @@ impl<'a> Collector<'a> {
         self.summary.row_time_squared += batch.row_time_squared;
         self.summary.steps += batch.steps;
         self.summary.cut_short += batch.cut_short;
+        self.summary.taken += batch.taken;
         if let Some((patch, took)) = batch.slowest
             && self.summary.slowest.is_none_or(|(_, longest)| took > longest)
         {

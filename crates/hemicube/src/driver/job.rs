@@ -20,6 +20,7 @@ use crate::driver::probe::Probe;
 use crate::driver::selection::{Names, NoMatch};
 use crate::driver::settings::{ReadingRecord, RowSettings};
 use crate::driver::storage_policy::StoragePolicy;
+use crate::driver::update::{Update, UpdateError};
 use crate::portal::{Images, Portals};
 use crate::store::{
     Error as StoreError, Form, Header, Manifest, Part, PatchTable, Resumed, Shard, Store, StoreWriter, optics_of,
@@ -75,6 +76,9 @@ pub struct Job {
     pub batch: usize,
     /// Mirrors, panes, and images of the cell. With images, the model has them, too ([`Images::model`]).
     pub portals: Arc<Portals>,
+    /// The matrix of an earlier state of the scene: rows of patches that see nothing of what changed are taken over.
+    /// The model has its numbers ([`Update::number`]).
+    pub update: Option<Arc<Update>>,
 }
 
 impl Default for Job {
@@ -94,6 +98,7 @@ impl Default for Job {
             threads: 0,
             batch: 0,
             portals: Arc::default(),
+            update: None,
         }
     }
 }
@@ -233,6 +238,9 @@ pub enum JobError {
     /// A glob takes some elements of a patch, and not others.
     #[error(transparent)]
     Partly(#[from] PartlySelected),
+    /// No row can be taken over.
+    #[error(transparent)]
+    Update(#[from] UpdateError),
     /// The selection leaves no row.
     #[error("no row is left to compute: the rows, emitters and occluders asked for exclude every patch")]
     NoRows,
@@ -349,18 +357,22 @@ impl Job {
         let images = self.portals.images.as_ref();
         let of_images = grouping.as_deref().zip(images);
         let of_images = of_images.map(|(of_cell, images)| images.grouping(of_cell, model.geometry().patch_count));
-        let level = Level::resolve(
-            self.accuracy,
-            model,
-            Rows {
-                selection: &selection,
-                grouping: of_images.as_ref().or(grouping.as_deref()),
-            },
-            self.rotate,
-            policy.form,
-            calibration.as_mut(),
-            execution,
-        )?;
+        let resolve = |calibration: &mut dyn HemicubeBackend| match (&self.update, self.accuracy) {
+            (Some(update), Asked::Tolerance(tolerance)) => Level::of_update(tolerance, policy.form, update),
+            _ => Level::resolve(
+                self.accuracy,
+                model,
+                Rows {
+                    selection: &selection,
+                    grouping: of_images.as_ref().or(grouping.as_deref()),
+                },
+                self.rotate,
+                policy.form,
+                calibration,
+                execution,
+            ),
+        };
+        let level = resolve(calibration.as_mut())?;
         drop(calibration);
         drop(stage);
 
@@ -396,7 +408,7 @@ impl Job {
         compute::load(model, &plan.correction, render, backend.as_mut())?;
         // Rows would build it, and memory is asked for before them.
         plan.correction.prepare(model);
-        Ok(Run {
+        let mut run = Run {
             settings: self.row_settings(scene, &plan, &level),
             threads,
             batch: self.batch,
@@ -406,7 +418,15 @@ impl Job {
             probe,
             model,
             backend,
-        })
+        };
+        if let Some(update) = &self.update {
+            update.require_same(&run.settings, &run.header(&run.settings, &run.plan, scene)?)?;
+            run.plan.taken = Some(Arc::new(Arc::clone(update).taken(model, execution)));
+            if execution.is_cancelled() {
+                return Err(ComputeError::Cancelled.into());
+            }
+        }
+        Ok(run)
     }
 
     /// The patches of the scene given, without images.
@@ -490,6 +510,8 @@ impl Job {
             correction: level.correction.name(),
             tolerance: self.accuracy.tolerance(),
             reason: level.reason.clone(),
+            price: level.correction.price(),
+            update: self.update.as_ref().map(|update| update.id()),
             rotation: self.rotate,
             subdivision: given.subdivision.into(),
             two_sided: given.two_sided_name(),
@@ -781,7 +803,10 @@ impl<'m> Run<'m> {
         } = place;
         let header = self.header(settings, &plan, scene)?;
         let grouping = plan.groups.as_ref().map(|groups| groups.grouping.as_ref());
-        let table = PatchTable::of(scene, self.patches(&plan), grouping);
+        let mut table = PatchTable::of(scene, self.patches(&plan), grouping);
+        if let Some(taken) = &plan.taken {
+            table.drawn_by = taken.numbers().to_vec();
+        }
         let (writer, resumed) = if overwrite {
             (
                 StoreWriter::create(directory, header, &table, true)?,

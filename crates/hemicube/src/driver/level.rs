@@ -1,9 +1,10 @@
 //! From the accuracy asked for to an accuracy level: a correction with its pixels and hemicubes.
 
-use crate::accuracy::correct::Correction;
+use crate::accuracy::correct::{Correction, Refinement};
 use crate::backend::HemicubeBackend;
-use crate::driver::calibrate::{Calibration, Emitters, calibrate};
+use crate::driver::calibrate::{Calibration, Emitters, RESOLUTION, calibrate};
 use crate::driver::compute::{ComputeError, Execution, Plan, RowChoice, Selection};
+use crate::driver::update::{Update, UpdateError};
 use crate::factor::FactorRule;
 use crate::store::Form;
 use crate::{Grouping, Model};
@@ -106,6 +107,9 @@ pub enum LevelError {
     /// Calibration failed.
     #[error(transparent)]
     Compute(#[from] ComputeError),
+    /// The matrix that rows are taken over from has no price.
+    #[error(transparent)]
+    Update(#[from] UpdateError),
 }
 
 /// Elements with rows and columns, and the patches that they are of.
@@ -209,17 +213,30 @@ impl Level {
             Asked::Tolerance(tolerance) => tolerance,
         };
         let left = left_by(form, tolerance)?;
-        let calibration = within(model, rows, rotate, left, backend, execution)?;
-        let mut refinement = calibration.refinement;
+        let found = within(model, rows, rotate, left, backend, execution)?;
+        Ok(Self::of_tolerance(tolerance, form, found.refinement, &found.reason))
+    }
+
+    /// The level of a tolerance at the price of the matrix that rows are taken over from.
+    ///
+    /// # Errors
+    /// When the store's form leaves too little of the tolerance, or the matrix has no price.
+    pub(crate) fn of_update(tolerance: f64, form: Form, update: &Update) -> Result<Self, LevelError> {
+        let refinement = update.refinement(left_by(form, tolerance)?)?;
+        let reason = "the price of the matrix that rows are taken over from";
+        Ok(Self::of_tolerance(tolerance, form, refinement, reason))
+    }
+
+    fn of_tolerance(tolerance: f64, form: Form, mut refinement: Refinement, reason: &str) -> Self {
         if form == Form::Double && tolerance <= EXACT_FROM {
             (refinement.rule, refinement.proves) = (FactorRule::exact(), true);
         }
-        Ok(Self {
+        Self {
             correction: Correction::Tolerance(refinement),
-            resolution: calibration.resolution,
+            resolution: RESOLUTION,
             samples_per_edge: 1,
-            reason: Some(format!("tolerance {}: {}", percentage(tolerance), calibration.reason)),
-        })
+            reason: Some(format!("tolerance {}: {reason}", percentage(tolerance))),
+        }
     }
 }
 

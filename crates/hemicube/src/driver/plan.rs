@@ -3,6 +3,7 @@
 use crate::accuracy::correct::Correction;
 use crate::accuracy::grain::Grain;
 use crate::backend::BackendInfo;
+use crate::driver::update::Taken;
 use crate::portal::Portals;
 use crate::sampling::splitmix;
 use crate::store::Form;
@@ -91,6 +92,8 @@ pub struct Plan {
     pub form: Form,
     /// Mirrors, panes, and images of the cell.
     pub portals: Arc<Portals>,
+    /// Rows that are taken over from the matrix of an earlier state of the scene.
+    pub taken: Option<Arc<Taken>>,
     /// The parts to compute, ascending; `None`: all. Parts do not depend on each other: leaving some out changes
     /// nothing in the others.
     pub parts: Option<Vec<u32>>,
@@ -216,6 +219,7 @@ impl Plan {
             min_factor: 0.0,
             form: Form::Plain,
             portals: Arc::default(),
+            taken: None,
             parts: None,
         }
     }
@@ -267,6 +271,13 @@ impl Plan {
     #[must_use]
     pub fn with_portals(mut self, portals: Arc<Portals>) -> Self {
         self.portals = portals;
+        self
+    }
+
+    /// The plan with rows taken over from another matrix.
+    #[must_use]
+    pub fn with_taken(mut self, taken: Option<Arc<Taken>>) -> Self {
+        self.taken = taken;
         self
     }
 

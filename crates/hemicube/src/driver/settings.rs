@@ -50,6 +50,12 @@ pub struct RowSettings {
     pub tolerance: Option<f64>,
     /// Reason of the accuracy level, where a tolerance chose it.
     pub reason: Option<String>,
+    /// The price of a pair found for a tolerance: what [`crate::accuracy::correct::Refinement`] knows of the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub price: Option<String>,
+    /// The matrix that rows are taken over from, and whose price this is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub update: Option<String>,
     /// True if each hemicube is turned a little about its normal.
     pub rotation: bool,
     /// Subdivision of triangles into patches.

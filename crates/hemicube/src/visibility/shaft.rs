@@ -792,20 +792,34 @@ impl Shaft {
 /// Returns whether all nine segments between corners pass through a convex polygon in the scene's coordinates. Then every
 /// segment between the two triangles does: they pass the polygon's plane within the convex hull of those nine points.
 ///
+/// Returns whether a region hides all of the receiver from all of the emitter.
+fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bool {
+    let (small, _) = pair.by_size();
+    hides(polygon, pair.origin, [&pair.emitter, &pair.receiver], small, tolerance)
+}
+
+/// Returns whether a convex polygon hides all of one triangle from all of another: each segment between their corners
+/// passes it. The two are relative to `origin`, `small` is the smaller one.
+///
 /// The polygon is closed: a wall hides what lies behind it from a patch that it stands on. Corners count as in its plane,
 /// and points as on its edge, within the scene's tolerance, or a thousandth of the smaller patch where that is less.
-fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bool {
-    let first = polygon[0] - pair.origin;
+pub(crate) fn hides(
+    polygon: &[DVec3],
+    origin: DVec3,
+    [emitter, receiver]: [&[DVec3; 3]; 2],
+    small: &[DVec3; 3],
+    tolerance: f64,
+) -> bool {
+    let first = polygon[0] - origin;
     let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
     let length = normal.length();
-    let (small, _) = pair.by_size();
     let tolerance = tolerance.min(PROVED_WITHIN * Sphere::of(small).radius());
     let slack = tolerance * length;
     let heights = |t: &[DVec3; 3]| {
         t.map(|p| normal.dot(p - first))
             .map(|h| if h.abs() <= slack { 0.0 } else { h })
     };
-    let (of_emitter, of_receiver) = (heights(&pair.emitter), heights(&pair.receiver));
+    let (of_emitter, of_receiver) = (heights(emitter), heights(receiver));
     let is_above = |heights: [f64; 3], sign: f64| {
         heights.iter().all(|h| h * sign >= 0.0) && heights.iter().any(|h| h * sign > 0.0)
     };
@@ -814,9 +828,9 @@ fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bo
         return false;
     }
     let is_inside = |at: DVec3| {
-        let mut before = polygon[polygon.len() - 1] - pair.origin;
+        let mut before = polygon[polygon.len() - 1] - origin;
         for corner in polygon {
-            let corner = *corner - pair.origin;
+            let corner = *corner - origin;
             let edge = corner - before;
             if edge.cross(at - before).dot(normal) < -slack * edge.length() {
                 return false;
@@ -825,8 +839,8 @@ fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bo
         }
         true
     };
-    for (&p, hp) in pair.emitter.iter().zip(of_emitter) {
-        for (&q, hq) in pair.receiver.iter().zip(of_receiver) {
+    for (&p, hp) in emitter.iter().zip(of_emitter) {
+        for (&q, hq) in receiver.iter().zip(of_receiver) {
             // Segments in the polygon's plane are the rim of those that pass it.
             if (hp != 0.0 || hq != 0.0) && !is_inside(geometry::crossing(p, q, hp, hq)) {
                 return false;

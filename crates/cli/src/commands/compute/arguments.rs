@@ -18,6 +18,7 @@ use std::path::PathBuf;
     "  hemicube compute room.obj -o room.hemicube
   hemicube compute room.obj -o room.hemicube --tolerance 0.5% --verify 32
   hemicube compute city.obj -o sample.hemicube --rows 1% --seed 7
+  hemicube compute new.obj -o new.hemicube --update old.hemicube
   hemicube compute city.obj -o city.hemicube --shard 3/16     # then: hemicube merge city.hemicube
   hemicube compute house.obj -o house.hemicube --by object    # form factors between objects
   hemicube compute city.glb -o facades.hemicube --emitters 'facade*' --occluders 'tree*'
@@ -35,6 +36,11 @@ pub(crate) struct Arguments {
     /// Without it, the same settings resume an unfinished matrix, and others are refused.
     #[arg(long)]
     pub(crate) overwrite: bool,
+    /// Take over the rows of DIR, the matrix before a change of the scene, that see nothing of the change
+    ///
+    /// The other rows are computed with the same random numbers: what did not change does not differ.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) update: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) patches: SceneSettings,
     #[command(flatten)]
@@ -120,6 +126,7 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
+            .reads(&self.update)
             .reads(&self.portals.file())
             .makes(&self.output)
             .tells("--progress-file", &self.process.progress_file)

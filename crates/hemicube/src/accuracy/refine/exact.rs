@@ -307,7 +307,7 @@ impl Refiner<'_> {
         };
         let by_rays = PairOfRays {
             pair,
-            seed: seed(emitter.patch.0, patch),
+            seed: seed(emitter, patch),
             bound,
         };
         if self.cast_to(obstacles, &by_rays, most_steps, &mut measured) {

@@ -85,6 +85,7 @@ pub(crate) fn sample(patch_count: u32, row_count: u32, rows_per_part: u32, seed:
         area: (0..count).map(|patch| 1.0 + patch as f64).collect(),
         centroid: (0..count).map(|patch| [patch as f64, 0.5, -1.0]).collect(),
         normal: vec![[0.0, 0.0, 1.0]; count],
+        ..PatchTable::default()
     };
     Sample { header, patches, parts }
 }

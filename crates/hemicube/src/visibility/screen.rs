@@ -1,0 +1,307 @@
+//! Patches from which nothing can be seen of given triangles.
+//!
+//! A polygon that each segment between the corners of two triangles passes hides all of one from all of the other
+//! ([`super::shaft::hides`]). Where no polygon of a scene does so alone, the longer of the two triangles is halved: then
+//! one wall may hide one half, and another wall the other. A segment between two centroids that nothing stops ends the
+//! search: something can be seen. So does the bound of [`MOST_TESTS`] segments, in doubt for what can be seen.
+//!
+//! The search is that of Teller & Séquin 1991 ("Visibility preprocessing for interactive walkthroughs") in its question,
+//! with single occluders and halving in place of portals.
+
+use crate::Model;
+use crate::bvh::{LANES, UNUSED};
+use crate::geometry::{Plane, area, bounds, centroid, cross};
+use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::segments::{Segment, crossing};
+use crate::visibility::shaft::hides;
+use crate::visibility::wide::{Pending, WideTree};
+use glam::DVec3;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// Bound of the segments tested between one patch and one triangle: a tenth of a millisecond. A choice: with fewer,
+/// patches count as seeing what they do not see; with more, the search takes longer than their rows.
+const MOST_TESTS: usize = 32;
+/// Bound of the regions on a segment that are tried as occluders. A choice, as above.
+const MOST_TRIED: usize = 16;
+/// Height above its plane, in tolerances, at which a patch looks out: above surfaces that lie in its plane.
+const ABOVE: f64 = 4.0;
+/// Triangles up to which each is looked for by itself; of more, boxes are.
+const MOST_BY_THEMSELVES: usize = 64;
+/// Number of boxes, at most.
+const BOXES: usize = 8;
+
+/// The surfaces of a scene, as what may hide something.
+#[derive(Debug)]
+pub(crate) struct Screen {
+    model: Model,
+    regions: Arc<CoplanarRegions>,
+}
+
+/// What is looked for.
+#[derive(Debug, Default)]
+pub(crate) struct Targets {
+    triangles: Vec<[DVec3; 3]>,
+    /// Where `triangles` are the faces of boxes, the boxes. A patch outside sees something in a box only through a face.
+    boxes: Vec<[DVec3; 2]>,
+}
+
+/// Storage of the search from one patch after the other.
+#[derive(Debug, Default)]
+pub(crate) struct Search {
+    pending: Pending,
+    crossed: Vec<u32>,
+    /// The target that was seen last.
+    seen: usize,
+    halves: VecDeque<[[DVec3; 3]; 2]>,
+}
+
+impl Screen {
+    /// The surfaces of a model.
+    pub(crate) fn of(model: Model) -> Self {
+        let regions = CoplanarRegions::of(&model);
+        Self { model, regions }
+    }
+
+    /// Triangles in the scene's unit as [`Self::hides_all`] takes them: themselves, or the faces of boxes round them
+    /// where they are more than [`MOST_BY_THEMSELVES`].
+    pub(crate) fn targets(&self, mut triangles: Vec<[DVec3; 3]>) -> Targets {
+        for corner in triangles.as_flattened_mut() {
+            *corner = self.model.normalise(*corner);
+        }
+        if triangles.len() <= MOST_BY_THEMSELVES {
+            return Targets {
+                triangles,
+                boxes: Vec::new(),
+            };
+        }
+        let mut boxes = Vec::new();
+        enclose(&mut triangles, BOXES, &mut boxes);
+        Targets {
+            triangles: boxes.iter().copied().flat_map(faces).collect(),
+            boxes,
+        }
+    }
+
+    /// Returns whether a patch, in the scene's unit, sees nothing of the targets. False in doubt.
+    pub(crate) fn hides_all(&self, patch: [DVec3; 3], targets: &Targets, search: &mut Search) -> bool {
+        let from = patch.map(|corner| self.model.normalise(corner));
+        let Some(normal) = cross(&from).try_normalize() else {
+            return false;
+        };
+        let plane = Plane {
+            normal,
+            offset: normal.dot(from[0]),
+        };
+        let (low, high) = bounds(&from);
+        let reaches_into = |[least, most]: &[DVec3; 2]| low.cmple(*most).all() && least.cmple(high).all();
+        if targets.boxes.iter().any(reaches_into) {
+            return false;
+        }
+        // What the patch before saw, this one sees, too, most often.
+        let (before, after) = targets.triangles.split_at(search.seen.min(targets.triangles.len()));
+        let mut from_seen = after.iter().chain(before);
+        let seen = from_seen.position(|target| !self.hides(from, &plane, *target, search));
+        if let Some(place) = seen {
+            search.seen = (search.seen + place) % targets.triangles.len();
+        }
+        seen.is_none()
+    }
+
+    fn hides(&self, from: [DVec3; 3], plane: &Plane, target: [DVec3; 3], search: &mut Search) -> bool {
+        let tolerance = self.regions.tree.plane_tolerance;
+        let mut tests = 0;
+        search.halves.clear();
+        search.halves.push_back([from, target]);
+        while let Some([from, to]) = search.halves.pop_front() {
+            if to.iter().all(|&corner| plane.height(corner) <= tolerance) {
+                continue;
+            }
+            tests += 1;
+            if tests > MOST_TESTS {
+                return false;
+            }
+            let (start, end) = (centroid(&from) + plane.normal * (ABOVE * tolerance), centroid(&to));
+            // Below the horizon the patch itself is in the way.
+            if plane.height(end) > ABOVE * tolerance {
+                self.cross(start, end, search);
+                if search.crossed.is_empty() {
+                    return false;
+                }
+                let small = if area(&from) < area(&to) { &from } else { &to };
+                let origin = from[0];
+                let local = [&from, &to, small].map(|triangle| triangle.map(|corner| corner - origin));
+                let hides = |&region: &u32| {
+                    let polygon = self.regions.corners(region);
+                    hides(polygon, origin, [&local[0], &local[1]], &local[2], tolerance)
+                };
+                if search.crossed.iter().any(hides) {
+                    continue;
+                }
+            }
+            let (of_from, of_to) = (longest_edge(&from), longest_edge(&to));
+            search.halves.extend(if of_from.1 >= of_to.1 {
+                halves(&from, of_from.0).map(|half| [half, to])
+            } else {
+                halves(&to, of_to.0).map(|half| [from, half])
+            });
+        }
+        true
+    }
+
+    /// Finds regions that a segment crosses, up to [`MOST_TRIED`].
+    fn cross(&self, start: DVec3, end: DVec3, search: &mut Search) {
+        let segment = Segment::new(start, end, self.regions.tree.plane_tolerance);
+        let (start, end, direction) = (start.to_array(), end.to_array(), (end - start).to_array());
+        search.crossed.clear();
+        WideTree::begin(&mut search.pending);
+        while let Some(index) = self.regions.wide.next(&segment, 1.0, &mut search.pending) {
+            let block = &self.regions.tree.blocks[index as usize];
+            for l in 0..LANES {
+                let region = block.negative[l];
+                if region != UNUSED
+                    && crossing(block.corners_of(l), start, end, direction).hits
+                    && !search.crossed.contains(&region)
+                {
+                    search.crossed.push(region);
+                }
+            }
+            if search.crossed.len() >= MOST_TRIED {
+                break;
+            }
+        }
+    }
+}
+
+/// The longest edge of a triangle: the corner that it begins at, and its squared length.
+fn longest_edge(triangle: &[DVec3; 3]) -> (usize, f64) {
+    let length = |k: usize| triangle[k].distance_squared(triangle[(k + 1) % 3]);
+    let longest = |a: usize, b: usize| if length(b) > length(a) { b } else { a };
+    let edge = longest(longest(0, 1), 2);
+    (edge, length(edge))
+}
+
+/// A triangle cut in two at the middle of one edge.
+fn halves(triangle: &[DVec3; 3], edge: usize) -> [[DVec3; 3]; 2] {
+    let [a, b, c] = [0, 1, 2].map(|k| triangle[(edge + k) % 3]);
+    let middle = 0.5 * (a + b);
+    [[a, middle, c], [middle, b, c]]
+}
+
+/// Boxes round triangles: up to `count`, halved by number across the longest side.
+fn enclose(triangles: &mut [[DVec3; 3]], count: usize, boxes: &mut Vec<[DVec3; 2]>) {
+    let corners = || triangles.as_flattened().iter();
+    let low = corners().fold(DVec3::INFINITY, |low, &corner| low.min(corner));
+    let high = corners().fold(DVec3::NEG_INFINITY, |high, &corner| high.max(corner));
+    if count <= 1 || triangles.len() <= 1 {
+        boxes.push([low, high]);
+        return;
+    }
+    let sides = (high - low).to_array();
+    let axis = if sides[0] >= sides[1] && sides[0] >= sides[2] {
+        0
+    } else {
+        1 + usize::from(sides[2] > sides[1])
+    };
+    let middle = triangles.len() / 2;
+    let (first, ..) = triangles.select_nth_unstable_by(middle, |a, b| centroid(a)[axis].total_cmp(&centroid(b)[axis]));
+    let first = first.len();
+    let (first, second) = triangles.split_at_mut(first);
+    enclose(first, count / 2, boxes);
+    enclose(second, count / 2, boxes);
+}
+
+/// The faces of a box, two triangles each.
+fn faces([low, high]: [DVec3; 2]) -> impl Iterator<Item = [DVec3; 3]> {
+    (0..3).flat_map(move |axis| {
+        [low, high].into_iter().flat_map(move |at| {
+            let corner = |first: bool, second: bool| {
+                let mut corner = [0.0; 3];
+                corner[axis] = at[axis];
+                let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+                corner[u] = if first { high[u] } else { low[u] };
+                corner[v] = if second { high[v] } else { low[v] };
+                DVec3::from_array(corner)
+            };
+            let [a, b, c, d] = [(false, false), (true, false), (true, true), (false, true)].map(|(u, v)| corner(u, v));
+            [[a, b, c], [a, c, d]]
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::tests::one_sided;
+
+    fn p(x: f64, y: f64, z: f64) -> DVec3 {
+        DVec3::new(x, y, z)
+    }
+
+    /// A wall at x, of this breadth about y and from the ground up to a height.
+    fn wall(x: f64, y: f64, breadth: f64, height: f64) -> [[DVec3; 3]; 2] {
+        let [a, b] = [y - 0.5 * breadth, y + 0.5 * breadth];
+        [
+            [p(x, a, 0.0), p(x, b, 0.0), p(x, b, height)],
+            [p(x, a, 0.0), p(x, b, height), p(x, a, height)],
+        ]
+    }
+
+    fn is_hidden(walls: &[[[DVec3; 3]; 2]], from: [DVec3; 3], what: [[DVec3; 3]; 2]) -> bool {
+        let mut triangles = vec![from];
+        triangles.extend(walls.iter().flatten());
+        let screen = Screen::of(one_sided(&triangles));
+        let targets = screen.targets(what.to_vec());
+        screen.hides_all(from, &targets, &mut Search::default())
+    }
+
+    /// A patch on the ground that looks up.
+    const GROUND: [DVec3; 3] = [DVec3::new(0., -1., 0.), DVec3::new(1., 0., 0.), DVec3::new(0., 1., 0.)];
+
+    #[test]
+    fn a_wall_hides_what_is_lower_behind_it_and_nothing_that_looks_over_or_round_it() {
+        let target = wall(6.0, 0.0, 2.0, 1.0);
+        assert!(is_hidden(&[wall(3.0, 0.0, 8.0, 2.0)], GROUND, target));
+        assert!(!is_hidden(&[], GROUND, target));
+        assert!(!is_hidden(
+            &[wall(3.0, 0.0, 8.0, 2.0)],
+            GROUND,
+            wall(6.0, 0.0, 2.0, 9.0)
+        ));
+        assert!(!is_hidden(&[wall(3.0, 0.0, 2.0, 2.0)], GROUND, target));
+        // A slit of a thousandth.
+        let halves = [wall(3.0, 2.0005, 4.0, 2.0), wall(3.0, -2.0005, 4.0, 2.0)];
+        assert!(!is_hidden(&halves, GROUND, target));
+    }
+
+    #[test]
+    fn walls_hide_together_what_none_of_them_hides_alone() {
+        let target = wall(6.0, 0.0, 2.0, 1.0);
+        let walls = [wall(3.0, 2.0, 4.0, 2.0), wall(3.2, -2.0, 4.4, 2.0)];
+        assert!(walls.iter().all(|wall| !is_hidden(&[*wall], GROUND, target)));
+        assert!(is_hidden(&walls, GROUND, target));
+    }
+
+    #[test]
+    fn what_is_behind_a_patch_or_in_its_plane_is_not_seen() {
+        let flat = [[p(5.0, 0.0, 0.0), p(6.0, 0.0, 0.0), p(5.0, 1.0, 0.0)]; 2];
+        assert!(is_hidden(&[], GROUND, flat));
+        assert!(is_hidden(&[], GROUND, wall(6.0, 0.0, 1.0, -3.0)));
+        let [a, b, c] = GROUND;
+        assert!(!is_hidden(&[], [a, c, b], wall(6.0, 0.0, 1.0, -3.0)));
+    }
+
+    #[test]
+    fn boxes_hold_what_they_stand_for() {
+        let screen = Screen::of(one_sided(&[GROUND]));
+        let many: Vec<[DVec3; 3]> = (0..100).map(|k| wall(f64::from(k), 0.0, 1.0, 1.0)[0]).collect();
+        let targets = screen.targets(many.clone());
+        assert_eq!((targets.boxes.len(), targets.triangles.len()), (BOXES, BOXES * 12));
+        for corner in many.as_flattened().iter().map(|&corner| screen.model.normalise(corner)) {
+            let holds = |[low, high]: &[DVec3; 2]| low.cmple(corner).all() && corner.cmple(*high).all();
+            assert!(targets.boxes.iter().any(holds), "{corner}");
+        }
+        let inside = many[50].map(|corner| corner + p(0.5, 0.0, 0.0));
+        assert!(!screen.hides_all(inside, &targets, &mut Search::default()));
+    }
+}
