@@ -191,6 +191,13 @@ pub(crate) fn scene(
         ));
     };
     prepared.grouping = Grouping::of_store(store, &prepared.scene, &prepared.patches)?;
+    if store.manifest().settings.get("update").is_some() {
+        // Its hemicubes stand as those of the matrix that it took rows over from.
+        let numbers = store.patches()?.drawn_by;
+        if numbers.len() == prepared.patches.len() {
+            prepared.model = prepared.model.drawn_by(numbers);
+        }
+    }
     Ok(prepared)
 }
 

@@ -279,6 +279,10 @@ fn an_update_is_the_same_whatever_the_threads_and_goes_on_where_it_stopped() {
         .is(0);
     assert_same(&place.path("one"), &place.path("two"));
     place.line("check one").is(0);
+    let sky = place.line("sky new.obj --matrix one --up z").is(0);
+    let rows = place.line("check one --json").is(0).json()["rows"].as_u64().expect("a number");
+    let agrees = format!("agrees with the matrix in {rows} of {rows} rows");
+    assert!(sky.out.replace(',', "").contains(&agrees), "{}", sky.out);
     // Some parts of it, and then the rest.
     place
         .line("compute new.obj -o shards --update old --shard 1/3 --config=none -q")
@@ -289,11 +293,7 @@ fn an_update_is_the_same_whatever_the_threads_and_goes_on_where_it_stopped() {
     assert_same(&place.path("one"), &place.path("shards"));
     // A second change begins with the first one's numbers, and takes all rows where nothing changed.
     let again = place.line("compute new.obj -o again --update one --config=none").is(0);
-    assert!(
-        again.err.contains("nothing") && again.err.contains("0 patches that are gone"),
-        "{}",
-        again.err
-    );
+    assert!(again.err.contains("0 patches gone, 0 new"), "{}", again.err);
     assert_parts_equal(&place.path("one"), &place.path("again"));
 }
 
@@ -326,7 +326,10 @@ fn what_rows_cannot_be_taken_over_from_is_refused() {
         "--update old --tolerance 1%",
         &["tolerance", "0.02", "0.01", "ask for the same"],
     );
-    refused("--update old --split 2", &["subdivision"]);
+    refused(
+        "--update old --split 2",
+        &["none of its patches", "cut both in the same way"],
+    );
     refused("--update old --form compact", &["form", "plain", "compact"]);
     refused("--update old --by object", &["patches"]);
     place

@@ -762,8 +762,7 @@ fn tell_taken(arguments: &Arguments, run: &Run<'_>, update: Option<&Update>, tal
     if let (Some(update), Some(taken), Some(directory)) = (update, &run.plan.taken, &arguments.update) {
         let [removed, added] = update.changed().map(count);
         talk.say(&format!(
-            "{} of {} taken over from `{}`: they see nothing of the {removed} patches that are gone, and of the {added} \
-             that are new",
+            "{} of {} taken over from `{}`: nothing of what changed can be seen there ({removed} patches gone, {added} new)",
             count(taken.count),
             counted(run.plan.rows.len() as u64, "row"),
             directory.display(),

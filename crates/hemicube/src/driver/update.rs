@@ -58,9 +58,23 @@ pub struct Update {
 /// Parts that are kept for the next rows. Rows come in the order of work, which is about that of the earlier matrix.
 const PARTS_KEPT: usize = 8;
 
-/// Settings that two states of a scene may differ in.
-const FREE: [&str; 8] = [
-    "reading", "reason", "price", "update", "up", "rows", "emitters", "elements",
+/// Settings that two states of a scene may differ in: those of its triangles, which are compared themselves, of the rows,
+/// and what was found.
+const FREE: [&str; 14] = [
+    "subdivision",
+    "two_sided",
+    "flip",
+    "exclude",
+    "keep_duplicates",
+    "scale",
+    "up",
+    "rows",
+    "emitters",
+    "elements",
+    "reading",
+    "reason",
+    "price",
+    "update",
 ];
 
 impl PartialEq for Update {
@@ -119,6 +133,13 @@ impl Update {
             places[patch.0 as usize] = Some(place);
         }
         let (earlier, later) = in_common(&table, patches);
+        if earlier.iter().all(Option::is_none) {
+            return Err(refused(
+                "none of its patches is where one of this scene is, to the last digit; cut both in the same way, and \
+                 leave coordinates as they are"
+                    .to_owned(),
+            ));
+        }
         let number = |patch: u32| table.drawn_by.get(patch as usize).copied().unwrap_or(patch);
         let mut next = (0..manifest.patch_count)
             .map(|patch| number(patch) + 1)
