@@ -333,10 +333,6 @@ impl Fixture {
             }
             "quiet" => after.is(&before) && after.err.lines().all(|line| line.starts_with("warning: ")),
             "verbose" => after.err.lines().count() >= before.err.lines().count() && after.code == before.code,
-            "json" => {
-                let is_json = |line: &str| serde_json::from_str::<serde_json::Value>(line).is_ok();
-                after.err.lines().all(is_json) && after.code == before.code
-            }
             _ => return Some(format!("line {}: `{kind}` is no outcome", row.line)),
         };
         (!holds).then(|| {
@@ -485,7 +481,6 @@ fn a_line_that_does_not_hold_is_found() {
         "compute yard.obj -o out ++ --split 2 = lacks \"no such words\"",
         "compute yard.obj -o out ++ --verbose = quiet",
         "compute yard.obj -o out ++ --quiet = verbose",
-        "compute yard.obj -o out ++ --verbose = json",
         // It says its times, and so differs from itself.
         "compute yard.obj -o out --verbose ++ --seed 5 = changes",
     ] {

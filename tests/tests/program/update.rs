@@ -280,7 +280,9 @@ fn an_update_is_the_same_whatever_the_threads_and_goes_on_where_it_stopped() {
     assert_same(&place.path("one"), &place.path("two"));
     place.line("check one").is(0);
     let sky = place.line("sky new.obj --matrix one --up z").is(0);
-    let rows = place.line("check one --json").is(0).json()["rows"].as_u64().expect("a number");
+    let rows = place.line("check one --json").is(0).json()["rows"]
+        .as_u64()
+        .expect("a number");
     let agrees = format!("agrees with the matrix in {rows} of {rows} rows");
     assert!(sky.out.replace(',', "").contains(&agrees), "{}", sky.out);
     // Some parts of it, and then the rest.
