@@ -268,7 +268,7 @@ mod tests {
             GROUND,
             wall(6.0, 0.0, 2.0, 9.0)
         ));
-        assert!(!is_hidden(&[wall(3.0, 0.0, 2.0, 2.0)], GROUND, target));
+        assert!(!is_hidden(&[wall(3.0, 0.0, 1.5, 2.0)], GROUND, target));
         // A slit of a thousandth.
         let halves = [wall(3.0, 2.0005, 4.0, 2.0), wall(3.0, -2.0005, 4.0, 2.0)];
         assert!(!is_hidden(&halves, GROUND, target));
@@ -277,7 +277,7 @@ mod tests {
     #[test]
     fn walls_hide_together_what_none_of_them_hides_alone() {
         let target = wall(6.0, 0.0, 2.0, 1.0);
-        let walls = [wall(3.0, 2.0, 4.0, 2.0), wall(3.2, -2.0, 4.4, 2.0)];
+        let walls = [wall(3.0, 2.0, 4.0, 2.0), wall(3.2, -1.8, 5.2, 2.0)];
         assert!(walls.iter().all(|wall| !is_hidden(&[*wall], GROUND, target)));
         assert!(is_hidden(&walls, GROUND, target));
     }
