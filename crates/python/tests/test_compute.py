@@ -96,6 +96,24 @@ def test_a_store_is_the_programs_to_the_byte(
     assert (matrix.expected_error() is not None) == (keywords.get("correction") != "pixel")
 
 
+def test_an_update_is_the_programs_and_takes_rows_over(
+    cornell_box: pathlib.Path, program: Callable[..., None], tmp_path: pathlib.Path
+) -> None:
+    whole = hemicube.Scene.load(cornell_box, split=4)
+    hemicube.compute(whole, output=tmp_path / "whole")
+    without = {"split": 4, "exclude": ["short_block"]}
+    scene = hemicube.Scene.load(cornell_box, **without)  # type: ignore[arg-type]
+    ours = hemicube.compute(scene, output=tmp_path / "python", update=tmp_path / "whole")
+    flags = ["--split", 4, "--exclude", "short_block", "--update", tmp_path / "whole"]
+    program("compute", cornell_box, "-o", tmp_path / "program", "--quiet", "--config=none", *flags)
+    assert files(tmp_path / "program") == files(tmp_path / "python")
+    assert "update" in ours.settings
+    in_memory = hemicube.compute(scene, update=tmp_path / "whole")
+    assert (in_memory.to_scipy() - ours.to_scipy()).count_nonzero() == 0
+    with pytest.raises(hemicube.InputError, match="tolerance"):
+        hemicube.compute(scene, update=tmp_path / "whole", tolerance=0.01)
+
+
 def address(array: np.ndarray) -> int:
     return int(array.__array_interface__["data"][0])
 
