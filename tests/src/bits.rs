@@ -60,9 +60,9 @@ fn matrices() -> [(&'static str, Model); 8] {
 /// A ground of two triangles, which has several hemicubes, with walls on it.
 fn ground() -> (Scene, Model) {
     let at = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
-    let ground = quad([at(0., 0., 0.), at(100., 0., 0.), at(100., 100., 0.), at(0., 100., 0.)]);
+    let ground = quad([at(0., 0., 0.), at(40., 0., 0.), at(40., 40., 0.), at(0., 40., 0.)]);
     let walls = (0..144).flat_map(|k| {
-        let (x, y) = (f64::from(k % 12) * 8.3 + 0.3, f64::from(k / 12) * 8.3 + 0.3);
+        let (x, y) = (f64::from(k % 12) * 3.3 + 0.3, f64::from(k / 12) * 3.3 + 0.3);
         let turned = if k % 5 == 0 { at(0., 1., 0.) } else { at(1., 0., 0.) };
         let foot = at(x, y, 0.);
         quad([foot, foot + turned, foot + turned + DVec3::Z, foot + DVec3::Z])
