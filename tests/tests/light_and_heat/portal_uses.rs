@@ -5,6 +5,7 @@
 #![cfg(unix)]
 
 use hemicube_tests::geometry::{parallel_rectangles, parallel_rectangles_apart};
+use hemicube_tests::random::Random;
 use hemicube_tests::rooms::{self, Quad, Zones, both_ways, near, obj, of, place, room};
 use hemicube_tests::runs::{Place, assert_same};
 use serde_json::Value;
@@ -304,6 +305,72 @@ fn under_a_canopy_is_what_beer_and_lambert_let_through() {
         .line("compute scene.obj --specular optics.toml --tolerance 0.5% -o F")
         .is(0);
     near(of(&zones(&place, "F"), "floor", "escaped"), E1_OF_1, 2e-3);
+}
+
+/// A person beneath a crown, and one beside it: leaves take 1 − τ of what comes at each face of the crown, and send out as
+/// a black body of their temperature would.
+#[test]
+fn under_a_crown_is_the_radiant_temperature_of_rays_that_attenuate() {
+    const THROUGH: f64 = 0.4;
+    const GROUND: f64 = 323.15;
+    const CROWN: f64 = 300.0;
+    const SKY: f64 = 280.0;
+    let (low, high) = ([-2., -2., 2.5], [2., 2., 5.5]);
+    let side = |axis: usize, at: f64| {
+        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+        [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(first, second)| {
+            let mut corner = [at; 3];
+            corner[u] = [low[u], high[u]][first];
+            corner[v] = [low[v], high[v]][second];
+            corner
+        })
+    };
+    let mut quads: Vec<Quad<'_>> = Vec::new();
+    for axis in 0..3 {
+        for at in [low[axis], high[axis]] {
+            quads.extend(both_ways(("crown", side(axis, at))));
+        }
+    }
+    quads.push((
+        "ground",
+        [[-30., -30., 0.], [30., -30., 0.], [30., 30., 0.], [-30., 30., 0.]],
+    ));
+    let place = place(&quads, &format!("[object.crown]\ntransmittance = {THROUGH}\n"));
+    let people = [[0.5, 0.3, 1.1], [4.0, -1.0, 1.1]];
+    let lines: Vec<String> = people.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
+    place.write("people.txt", lines.concat());
+    place.write("warm.csv", format!("ground,{GROUND}\ncrown,{CROWN}\n"));
+    let rows = points(
+        &place,
+        &format!(
+            "--points people.txt --as sphere --specular optics.toml --temperatures warm.csv --sky-temperature {SKY} \
+             --tolerance 0.2%"
+        ),
+    );
+    let mut random = Random(1);
+    for (person, row) in people.into_iter().zip(rows) {
+        let rays = 400_000;
+        let mut sum = 0.0;
+        for _ in 0..rays {
+            let (z, turn) = (2.0 * random.unit() - 1.0, 2.0 * PI * random.unit());
+            let round = (1.0 - z * z).sqrt();
+            let along = [round * turn.cos(), round * turn.sin(), z];
+            // Where the ray enters the crown's box, and leaves it.
+            let (mut from, mut to) = (0.0_f64, f64::INFINITY);
+            for axis in 0..3 {
+                let ends = [low[axis], high[axis]].map(|at| (at - person[axis]) / along[axis]);
+                from = from.max(ends[0].min(ends[1]));
+                to = to.min(ends[0].max(ends[1]));
+            }
+            let faces = if from < to { 2 } else { 0 };
+            let reached = [0, 1].map(|axis| person[axis] - along[axis] / z * person[2]);
+            let meets_ground = z < 0.0 && reached.iter().all(|x: &f64| x.abs() < 30.0);
+            let behind: f64 = if meets_ground { GROUND } else { SKY };
+            let passed = THROUGH.powi(faces);
+            sum += (1.0 - passed) * CROWN.powi(4) + passed * behind.powi(4);
+        }
+        near(number(&row, "mrt"), (sum / f64::from(rays)).sqrt().sqrt(), 0.1);
+    }
 }
 
 #[test]
