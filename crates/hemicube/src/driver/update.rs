@@ -142,13 +142,13 @@ impl Update {
         }
         let number = |patch: u32| table.drawn_by.get(patch as usize).copied().unwrap_or(patch);
         let mut next = (0..manifest.patch_count)
-            .map(|patch| number(patch) + 1)
+            .map(|patch| number(patch).wrapping_add(1))
             .max()
             .unwrap_or(0);
         let mut numbers = Vec::with_capacity(earlier.len());
         for patch in &earlier {
             numbers.push(patch.map_or(next, number));
-            next += u32::from(patch.is_none());
+            next = next.wrapping_add(u32::from(patch.is_none()));
         }
         let removed = (0..).zip(&later).filter(|(_, later)| later.is_none());
         let removed = removed
