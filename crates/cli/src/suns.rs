@@ -10,7 +10,8 @@
 //! is one, the sky's on a level plane that sees all of it. The first column that is called `time`, `moment`, `hour` or
 //! `name` names the moments. Further columns: `sky` says how the sky's radiance is spread (`uniform` without it),
 //! `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K), `air_temperature` (°C),
-//! `humidity` (%) and `wind` (m/s) what else people and surfaces feel.
+//! `humidity` (%) and `wind` (m/s) what else people and surfaces feel. `ground` is the reflectance of a level ground without
+//! end, in the open sun and sky, which is seen below the horizon where the scene leaves off; without it that is dark.
 //!
 //! A planet below a satellite has `planet_x`, `planet_y`, `planet_z` (the direction towards its middle), `half_angle`
 //! (degrees, of its disc), and `albedo` and `infrared`: the sunlight that it reflects and the heat that it sends, W/m² of
@@ -118,12 +119,21 @@ pub(crate) struct Moment {
     /// How that is spread over the sky.
     pub(crate) sky: SkyModel,
     extraterrestrial: f64,
+    /// Reflectance of the ground below the horizon.
+    ground: f64,
     /// Temperature of the sky, K.
     pub(crate) sky_temperature: Option<f64>,
     /// The air, where the table has all of it.
     pub(crate) air: Option<Air>,
     /// A planet nearby.
     pub(crate) planet: Option<Planet>,
+}
+
+impl Moment {
+    /// What the ground below the horizon sends, W/m² of it: all that arrives on it in the open, times its reflectance.
+    pub(crate) fn ground_radiosity(&self, up: DVec3) -> f64 {
+        self.ground * (self.direct * self.direction.dot(up).max(0.0) + self.diffuse)
+    }
 }
 
 /// The moments of a table.
@@ -169,7 +179,7 @@ impl Suns {
         };
         let [x, y, z, direct] = [needed("x")?, needed("y")?, needed("z")?, needed("direct")?];
         let (diffuse, name) = (column(&["diffuse"]), column(&["time", "moment", "hour", "name"]));
-        let [sky, extraterrestrial] = [column(&["sky"]), column(&["extraterrestrial"])];
+        let [sky, extraterrestrial, ground] = ["sky", "extraterrestrial", "ground"].map(|name| column(&[name]));
         let sky_temperature = column(&["sky_temperature"]);
         let air = AIR.map(|name| column(&[name]));
         let of_air = |is_there: bool| -> Vec<String> {
@@ -267,8 +277,16 @@ impl Suns {
                 }
                 _ => None,
             };
+            let ground = ground.and_then(given).unwrap_or(Ok(0.0))?;
+            if ground > 1.0 {
+                return Err(hinted(
+                    at(line, anyhow!("the ground's reflectance is {ground}, above 1")),
+                    "`ground` is the share of light that the ground below the horizon reflects, such as 0.2",
+                ));
+            }
             let moment = Moment {
                 planet,
+                ground,
                 direct: power(direct)?,
                 diffuse: diffuse.map_or(Ok(0.0), power)?,
                 direction: towards.try_normalize().unwrap_or(DVec3::ZERO),
@@ -311,6 +329,11 @@ impl Suns {
         self.moments.iter().any(sends)
     }
 
+    /// True if a moment has a ground that reflects.
+    pub(crate) fn names_ground(&self) -> bool {
+        self.moments.iter().any(|moment| moment.ground > 0.0)
+    }
+
     /// The first moment whose sky is not the same from everywhere, and brings light.
     pub(crate) fn uneven(&self) -> Option<SkyModel> {
         let mut with_light = self.moments.iter().filter(|moment| moment.diffuse > 0.0);
@@ -319,13 +342,15 @@ impl Suns {
             .map(|moment| moment.sky)
     }
 
-    /// The sky's radiances at a moment, W/(m² sr), by the columns of a division: 0 for the ground, which is dark.
+    /// The sky's radiances at a moment, W/(m² sr), by the columns of a division: that of the ground below the horizon
+    /// comes first.
     ///
     /// # Errors
     /// When the sky's model has no radiance at this moment.
     pub(crate) fn radiances(&self, at: usize, division: &SkyDivision, horizon: Horizon) -> Result<Vec<f64>> {
         let moment = &self.moments[at];
         let mut found = vec![0.0; division.columns() as usize];
+        found[0] = moment.ground_radiosity(horizon.up) / std::f64::consts::PI;
         if moment.diffuse == 0.0 {
             return Ok(found);
         }
@@ -391,6 +416,10 @@ mod tests {
                 "x,y,z,direct,sky\n0,0,1,5,cie17\n",
                 "s.csv:2: the sky `cie17` is not known",
             ),
+            (
+                "x,y,z,direct,ground\n0,0,1,5,1.5\n",
+                "s.csv:2: the ground's reflectance is 1.5, above 1",
+            ),
             ("x,y,z,direct\n", "has no sun"),
             (
                 "x,y,z,direct,albedo\n0,0,1,5,3\n",
@@ -410,6 +439,23 @@ mod tests {
             let error = read(text).expect_err(text).to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
+    }
+
+    #[test]
+    fn the_ground_sends_its_part_of_what_arrives_on_a_level_plane() {
+        let table = "x,y,z,direct,diffuse,ground\n0,0.6,0.8,500,100,0.2\n0,0.6,-0.8,500,100,0.2\n0,1,0,500,100,\n";
+        let suns = Suns::of(table.as_bytes(), "s.csv".as_ref()).expect("suns");
+        let sent: Vec<f64> = suns.moments.iter().map(|of| of.ground_radiosity(DVec3::Z)).collect();
+        assert_eq!(
+            sent.iter().map(|sent| sent.round()).collect::<Vec<_>>(),
+            [100.0, 20.0, 0.0]
+        );
+        assert!(suns.names_ground());
+        let division = SkyDivision::new(1).expect("a division");
+        let radiances = suns
+            .radiances(0, &division, Horizon::new(Axis::Z, 0.0))
+            .expect("radiances");
+        assert!((std::f64::consts::PI * radiances[0] - sent[0]).abs() < 1e-12);
     }
 
     #[test]

@@ -242,6 +242,31 @@ pub(crate) fn read_either<const A: usize, const B: usize>(
     found.map_err(|(line, error)| located(path, line, error))
 }
 
+/// The text of each row in the column `name`; `None` without such a column.
+///
+/// # Errors
+/// When the file cannot be read, or is no UTF-8.
+pub(crate) fn words(path: &Path, name: &str) -> Result<Option<Vec<String>>> {
+    Ok(words_of(&text(path)?, name))
+}
+
+fn words_of(text: &str, name: &str) -> Option<Vec<String>> {
+    let lines = text.lines().map(|line| line.split('#').next().unwrap_or(""));
+    let mut lines = lines.filter(|line| !is_empty(line));
+    let head = lines.next().filter(|line| is_header(line))?;
+    let separator = Separator::of(head);
+    let place = separator.fields(head).iter().position(|field| short(field) == name)?;
+    let word = |line: &str| {
+        separator
+            .fields(line)
+            .get(place)
+            .copied()
+            .unwrap_or_default()
+            .to_owned()
+    };
+    Some(lines.map(word).collect())
+}
+
 /// Returns whether a table has columns beyond the first `count` of `names`.
 fn has_more(text: &str, count: usize, names: &[&str]) -> bool {
     let mut lines = text.lines().map(|line| line.split('#').next().unwrap_or(""));
@@ -367,6 +392,17 @@ mod tests {
     fn error(text: &str) -> String {
         let (line, error) = rows(text, POINT).expect_err(text);
         format!("{line:?} {error}")
+    }
+
+    #[test]
+    fn words_are_those_of_a_named_column() {
+        let table = "# people\nname;x;Zone\ndesk;1;Zone One\n\n\"a b\";2;Two # here\n";
+        assert_eq!(
+            words_of(table, "zone"),
+            Some(vec!["Zone One".to_owned(), "Two".to_owned()])
+        );
+        assert_eq!(words_of(table, "name"), Some(vec!["desk".to_owned(), "a b".to_owned()]));
+        assert!(words_of(table, "y").is_none() && words_of("1 2 3\n", "name").is_none());
     }
 
     #[test]

@@ -147,6 +147,12 @@ impl<const MOST: usize> Polygon<MOST> {
         self.count = 0;
     }
 
+    /// Takes these corners, `MOST` at most, in place of its own.
+    pub(crate) fn copy(&mut self, corners: &[DVec3]) {
+        self.count = corners.len().min(MOST);
+        self.corners[..self.count].copy_from_slice(&corners[..self.count]);
+    }
+
     #[inline]
     pub(crate) fn corners(&self) -> &[DVec3] {
         &self.corners[..self.count]

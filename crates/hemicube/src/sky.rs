@@ -24,7 +24,7 @@ mod through;
 pub use crate::store::sky::{
     SkyCheck, StoredSky, check_sky, read_sky_view_factors, sky_beside, sky_view_factors_beside,
 };
-pub use files::{sky_product, write_points, write_sky, write_sunlight};
+pub use files::{product_of_sky, sky_product, write_points, write_sky, write_sunlight};
 pub use grouped::{hemicubes_along, sky_of_groups};
 pub use sun::{SUN_ERROR, sunlit};
 pub use through::{Glazed, sky_through_portals, sunlight};

@@ -539,11 +539,13 @@ fn source(problem: &Problem, nodes: &[Node]) -> Block {
 /// Right-hand sides solved together where the matrix stays in memory. A choice: with more, their vectors leave a
 /// processor's cache, and fewer threads have a group; with fewer, the matrix is gone through more often.
 const TOGETHER: usize = 32;
+/// Groups from which on a matrix of pairs is made once for all. A choice: making it takes as long as some products.
+const MERGED_FROM: usize = 8;
 
 /// [`solve`], with patches coupled by nodes.
 ///
 /// Many right-hand sides of a matrix that stays in memory are solved in groups, by several threads, and those of 0 not
-/// at all. Groups do not depend on the threads.
+/// at all. Groups do not depend on the threads, nor does what they are solved with.
 fn solve_coupled(
     factors: &dyn Factors,
     problem: &Problem,
@@ -564,6 +566,14 @@ fn solve_coupled(
     };
     let lit: Vec<usize> = (0..columns).filter(|column| !is_dark(column)).collect();
     let groups: Vec<&[usize]> = lit.chunks(TOGETHER).collect();
+    let merged = match factors.weights() {
+        Some(weights) if groups.len() >= MERGED_FROM => pairs::merged(factors, weights)?,
+        _ => None,
+    };
+    let factors = match &merged {
+        Some(merged) => merged,
+        None => factors,
+    };
     let of_group = |group: &[usize]| {
         let some = |block: &Block| Block::from_fn(patches, group.len(), |patch, at| block.of(patch)[group[at]]);
         Problem {

@@ -1,6 +1,7 @@
 //! What rows are computed for: light, heat, sky, sensors, and mirrors, panes, symmetry and periods.
 
 mod bodies;
+mod cie_171;
 mod glazed_sky;
 mod heat;
 mod heat_cases;

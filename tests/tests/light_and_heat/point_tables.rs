@@ -1,6 +1,9 @@
 //! Tables of sensors: units, decimal commas, and columns of what is written.
 
 use crate::heat_cases::{Obj, tank};
+use glam::DVec3;
+use hemicube_tests::geometry::point_to_polygon;
+use hemicube_tests::rooms::{obj, room};
 use hemicube_tests::runs::{Place, finish};
 use std::collections::BTreeSet;
 
@@ -77,4 +80,75 @@ fn tables_of_points_have_one_column_of_each_name() {
     let mut command = place.command("points yard.obj --up z --grid 3 --height 1.5 -o ground.png");
     command.args(["--show", "ground (object)"]);
     finish(place.spawn(command)).is(0);
+}
+
+/// EnergyPlus' angle factors of a standing person are those of six weighted sides, by closed forms; they add up to 1, and
+/// stand behind the name of the point and, where the table has one, of the zone.
+#[test]
+fn people_in_a_zone_are_written_for_energyplus() {
+    let place = Place::new();
+    let quads = room(4.0, 3.0, 2.5);
+    place.write("zone.obj", obj(&quads));
+    place.write(
+        "people.csv",
+        "name,x,y,z,zone\nDesk,1.2,0.9,0.6,Zone One\nDoor,3.1,2,1.1,Zone One\n",
+    );
+    let objects = |options: &str| -> Vec<Vec<String>> {
+        place
+            .line(&format!(
+                "points zone.obj --up z --tolerance 0.1% -o people.idf --overwrite {options}"
+            ))
+            .is(0);
+        let text = std::fs::read_to_string(place.path("people.idf")).expect("a model");
+        let fields = |object: &str| object.split(',').map(|field| field.trim().to_owned()).collect();
+        text.split(';')
+            .filter(|object| !object.trim().is_empty())
+            .map(fields)
+            .collect()
+    };
+    let found = objects("--points people.csv --as person");
+    assert_eq!(found.len(), 2);
+    for (object, (name, at)) in found
+        .iter()
+        .zip([("Desk", DVec3::new(1.2, 0.9, 0.6)), ("Door", DVec3::new(3.1, 2.0, 1.1))])
+    {
+        assert_eq!(object[..3], ["ComfortViewFactorAngles", name, "Zone One"]);
+        let mut sum = 0.0;
+        for (surface, corners) in &quads {
+            let place = object.iter().position(|field| field == surface).expect("a surface");
+            let factor: f64 = object[place + 1].parse().expect("a factor");
+            let corners = corners.map(DVec3::from_array);
+            let side = |normal: DVec3, weight: f64| weight * point_to_polygon(at, normal, &corners);
+            let level: f64 = [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y]
+                .map(|normal| side(normal, 0.22))
+                .iter()
+                .sum();
+            let exact = level + side(DVec3::Z, 0.06) + side(-DVec3::Z, 0.06);
+            assert!((factor - exact).abs() < 2e-3, "{name}, {surface}: {factor} for {exact}");
+            sum += factor;
+        }
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+        assert_eq!(object.len(), 3 + 2 * quads.len());
+    }
+    // Without names and zones, as the dictionary has been since 24.1.
+    place.write("plain.txt", "1 1 1\n");
+    let found = objects("--points plain.txt --as seated");
+    assert_eq!(found[0][..2], ["ComfortViewFactorAngles", "Point 0"]);
+    assert_eq!(found[0].len(), 2 + 2 * quads.len());
+
+    let refused = |options: &str, words: &[&str]| {
+        place
+            .line(&format!("points {options} --up z -o bad.idf"))
+            .is(2)
+            .says(words);
+        assert!(!place.path("bad.idf").exists());
+    };
+    refused("zone.obj --points plain.txt --as cube", &["six"]);
+    refused("zone.obj --points plain.txt --by material", &["objects"]);
+    place.write("twice.csv", "name,x,y,z\nA,1,1,1\na,2,1,1\n");
+    refused("zone.obj --points twice.csv", &["two points are called `a`"]);
+    // A zone without its roof.
+    let open: Vec<_> = quads.iter().copied().filter(|quad| quad.0 != "top").collect();
+    place.write("open.obj", obj(&open));
+    refused("open.obj --points plain.txt", &["`Point 0` sees", "add up to 1"]);
 }

@@ -929,3 +929,72 @@ fn a_seated_person_faces_the_sun_or_not() {
         assert!((number(6) - of_sky).abs() < 0.1, "{facing}: {rows:?} {of_sky}");
     }
 }
+
+/// A wall and the underside of a plate, alone under an even sky: half of what the wall sees is ground, and all of what the
+/// underside sees. The ground sends its part of sun and sky, 0.2 (500 × 0.8 + 100) W/m².
+#[test]
+fn the_ground_below_the_horizon_lights_what_sees_it() {
+    let place = Place::new();
+    let mut obj = Obj::default();
+    obj.surface(
+        "wall",
+        "m",
+        &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
+    );
+    let [x, y, z] = [300.0, 300.0, 5.0];
+    obj.surface(
+        "under",
+        "m",
+        &[[x, y, z], [x, y + 1.0, z], [x + 1.0, y + 1.0, z], [x + 1.0, y, z]],
+    );
+    place.write("two.obj", obj.text);
+    place.write("m.toml", "bands = [\"solar\"]\n[default]\nreflectance = 0\n");
+    place.write("points.txt", "0.5 -0.001 0.5 0 -1 0\n300.5 300.5 4.999 0 0 -1\n");
+    let suns = |sky: &str, ground: &str| {
+        let text = format!("time,x,y,z,direct,diffuse,sky,ground\nnoon,0,-0.6,0.8,500,100,{sky},{ground}\n");
+        place.write("suns.csv", text);
+    };
+    place.line("compute two.obj -o m --tolerance 0.1%").is(0);
+    suns("uniform", "0.2");
+    let solve = "solve m --materials m.toml --suns suns.csv --by object -o light.csv --overwrite";
+    // What of the view is ground is not known yet.
+    place
+        .line(solve)
+        .is(2)
+        .says(&["`ground`", "below the horizon", "hemicube sky"]);
+    place.line("sky two.obj --matrix m --up z --division reinhart:2").is(0);
+    let column = |file: &str, head: &str| -> Vec<f64> {
+        let text = std::fs::read_to_string(place.path(file)).expect("a table");
+        let heads: Vec<&str> = text.lines().next().expect("a head").split(',').collect();
+        let at = heads.iter().position(|found| found.starts_with(head)).expect(head);
+        cells(&text)
+            .iter()
+            .map(|row| row[at].parse().expect("a number"))
+            .collect()
+    };
+    for (sky, ground, wanted) in [
+        ("uniform", "0.2", [400.0, 100.0]),
+        ("uniform", "", [350.0, 0.0]),
+        ("perez", "0.2", [400.0, 100.0]),
+    ] {
+        suns(sky, ground);
+        place.line(solve).is(0);
+        place
+            .line("points two.obj --up z --points points.txt --suns suns.csv -o felt.csv --overwrite")
+            .is(0);
+        let solved = column("light.csv", "irradiance");
+        let felt = column("felt.csv", "irradiance");
+        for found in [&solved, &felt] {
+            assert_eq!(found.len(), 2);
+            // An uneven sky is brighter or darker where the wall looks.
+            let bound = if sky == "uniform" { 1.0 } else { 60.0 };
+            assert!(
+                (found[0] - wanted[0]).abs() < bound && (found[1] - wanted[1]).abs() < 0.5,
+                "{sky}, {ground}: {found:?}"
+            );
+        }
+        assert!((solved[0] - felt[0]).abs() < 2.0, "{sky}: {solved:?} {felt:?}");
+    }
+    suns("uniform", "1.2");
+    place.line(solve).is(2).says(&["suns.csv:2", "above 1"]);
+}

@@ -17,7 +17,7 @@ use std::f64::consts::PI;
 use std::fmt::Write;
 
 /// Points of tests 5.9 to 5.14: A to F down the south wall, G to N along the floor.
-fn cie_points() -> Vec<(char, DVec3, DVec3)> {
+pub(super) fn cie_points() -> Vec<(char, DVec3, DVec3)> {
     let wall = (0..6).map(|k| (DVec3::new(2.0, 0.0, 2.75 - 0.5 * f64::from(k)), DVec3::Y));
     let floor = (0..8).map(|k| (DVec3::new(2.0, 0.25 + 0.5 * f64::from(k), 0.0), DVec3::Z));
     ('A'..='N')
@@ -27,13 +27,13 @@ fn cie_points() -> Vec<(char, DVec3, DVec3)> {
 }
 
 /// The roof's opening of so many metres.
-fn opening(width: f64) -> [DVec3; 4] {
+pub(super) fn opening(width: f64) -> [DVec3; 4] {
     let (low, high) = (2.0 - width / 2.0, 2.0 + width / 2.0);
     [(low, low), (low, high), (high, high), (high, low)].map(|(x, y)| DVec3::new(x, y, 3.0))
 }
 
 /// The black room of 4 × 4 × 3 m under a roof with an opening; with `glass`, a pane in it.
-fn cie_room(width: f64, glass: bool) -> Place {
+pub(super) fn cie_room(width: f64, glass: bool) -> Place {
     let mut quads: Vec<Quad<'_>> = room(4.0, 4.0, 3.0).into_iter().filter(|quad| quad.0 != "top").collect();
     let (low, high) = (2.0 - width / 2.0, 2.0 + width / 2.0);
     let flat = |x: [f64; 2], y: [f64; 2]| -> [Corner; 4] {
@@ -70,7 +70,7 @@ fn cie_room(width: f64, glass: bool) -> Place {
 }
 
 /// Runs `points` and reads its rows.
-fn seen(place: &Place, more: &str) -> Vec<Value> {
+pub(super) fn seen(place: &Place, more: &str) -> Vec<Value> {
     place
         .line(&format!(
             "points scene.obj --points points.txt --as plane --up z --tolerance 0.1% -o rows.json --overwrite {more}"
@@ -81,7 +81,7 @@ fn seen(place: &Place, more: &str) -> Vec<Value> {
     rows["rows"].as_array().expect("rows").clone()
 }
 
-fn number(value: &Value) -> f64 {
+pub(super) fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
@@ -140,7 +140,7 @@ fn cie_171_daylight_through_an_open_roof() {
 }
 
 /// The transmittance of a pane of 6 mm of index 1.52 (Duffie & Beckman 2013, § 5.1 to 5.3).
-fn pane(cosine: f64, extinction: f64) -> f64 {
+pub(super) fn pane(cosine: f64, extinction: f64) -> f64 {
     let inside = (1.0 - (1.0 - cosine * cosine) / (1.52 * 1.52)).sqrt();
     let absorbed = (-extinction * 0.006 / inside).exp();
     let through = |r: f64| absorbed * (1.0 - r) * (1.0 - r) / (1.0 - (r * absorbed).powi(2));
@@ -494,71 +494,8 @@ fn the_shadow_of_a_crater_has_the_temperature_of_ingersoll() {
     );
 }
 
-/// Tests 5.9 of CIE 171 under all of the standard skies: the room's points under an opening, against the integral of
-/// L cos θ over it. `points --suns` takes the sky's mean over what rays see of it.
-#[test]
-fn points_under_an_opening_see_the_sixteen_skies() {
-    use hemicube_weather::sky::{Cie, Model};
-    const SUN: [f64; 3] = [0.3, -0.4, 0.866];
-    let mut table = String::from("time,x,y,z,direct,diffuse,sky\n");
-    for number in 1..=16 {
-        writeln!(table, "cie{number},{},{},{},0,100,cie{number}", SUN[0], SUN[1], SUN[2]).expect("a string");
-    }
-    let (mut count, mut close, mut worst) = (0u32, 0u32, (0.0f64, String::new()));
-    for width in [1.0, 4.0] {
-        let place = cie_room(width, false);
-        place.write("skies.csv", &table);
-        place
-            .line(
-                "points scene.obj --points points.txt --as plane --up z --tolerance 0.1% --suns skies.csv -o felt.csv",
-            )
-            .is(0);
-        let felt = std::fs::read_to_string(place.path("felt.csv")).expect("a table");
-        let mut lines = felt.lines();
-        let head: Vec<&str> = lines.next().expect("a head").split(',').collect();
-        let column = head
-            .iter()
-            .position(|head| head.starts_with("diffuse"))
-            .expect("a column");
-        let found: Vec<f64> = lines
-            .map(|line| {
-                line.split(',')
-                    .nth(column)
-                    .and_then(|cell| cell.parse().ok())
-                    .expect("a number")
-            })
-            .collect();
-        let points = cie_points();
-        assert_eq!(found.len(), 16 * points.len());
-        for number in 1..=16u8 {
-            let model = Model::Cie(Cie::new(number).expect("a sky"));
-            let level = level_irradiance(&model, SUN);
-            for (at, (name, from, normal)) in points.iter().enumerate() {
-                let expected = 100.0 * through_opening(&model, SUN, *from, *normal, opening(width)) / level;
-                let value = found[usize::from(number - 1) * points.len() + at];
-                let what = format!("cie{number}, {width} m, {name}: {value:.3} for {expected:.3}");
-                let off = (value - expected).abs() / expected;
-                count += 1;
-                close += u32::from(off <= 0.01);
-                if off > worst.0 {
-                    worst = (off, what);
-                }
-            }
-        }
-    }
-    say(&format!(
-        "CIE 171, 5.9 under 16 skies: {close} of {count} values within 1 %, the worst {:.2} % off: {}",
-        100.0 * worst.0,
-        worst.1
-    ));
-    assert!(
-        f64::from(close) >= 0.95 * f64::from(count) && worst.0 < 0.03,
-        "{close} of {count}; {worst:?}"
-    );
-}
-
 /// ∫ L sin γ dω over the sky, by midpoints.
-fn level_irradiance(model: &hemicube_weather::sky::Model, sun: [f64; 3]) -> f64 {
+pub(super) fn level_irradiance(model: &hemicube_weather::sky::Model, sun: [f64; 3]) -> f64 {
     const N: u32 = 240;
     let mut sum = 0.0;
     for ring in 0..N {
@@ -571,27 +508,4 @@ fn level_irradiance(model: &hemicube_weather::sky::Model, sun: [f64; 3]) -> f64 
         }
     }
     sum * 2.0 * PI / f64::from(2 * N * N)
-}
-
-/// ∫ L cos θ dω over a level opening, by midpoints of its area.
-fn through_opening(
-    model: &hemicube_weather::sky::Model,
-    sun: [f64; 3],
-    from: DVec3,
-    normal: DVec3,
-    [a, b, _, d]: [DVec3; 4],
-) -> f64 {
-    const N: u32 = 160;
-    let cell = (b - a).cross(d - a).length() / f64::from(N * N);
-    let mut sum = 0.0;
-    for row in 0..N {
-        for column in 0..N {
-            let [u, v] = [row, column].map(|at| (f64::from(at) + 0.5) / f64::from(N));
-            let to = a + (b - a) * u + (d - a) * v - from;
-            let direction = to.normalize();
-            let cosines = direction.dot(normal).max(0.0) * direction.z;
-            sum += model.relative(direction.to_array(), Some(sun)) * cosines / to.length_squared() * cell;
-        }
-    }
-    sum
 }

@@ -1,5 +1,6 @@
 //! `hemicube points`: view factors of sensors to patches, objects, sky and ground, and no row of a patch.
 
+mod comfort;
 mod crs;
 mod grid;
 mod heat;
@@ -167,7 +168,8 @@ pub(crate) struct Arguments {
     /// Compare so many points with rows by rays
     #[arg(long, value_name = "POINTS", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) verify: Option<u32>,
-    /// Write the rows to FILE: .csv, .json, .npz; of a grid as a map .tif, .nc, .asc, as a picture .png, .svg (repeatable)
+    /// Write the rows to FILE: .csv, .json, .npz, for EnergyPlus' people .idf; of a grid as a map .tif, .nc, .asc, as a
+    /// picture .png, .svg (repeatable)
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// Replace what is there
@@ -358,7 +360,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let hours = match table {
         Some(table) => {
             Hours::require_direct(&portals)?;
-            Some(Hours::new(arguments, table, &solutions, &prepared, sensors.body)?)
+            Some(Hours::new(arguments, table, &solutions, &prepared, &sensors)?)
         }
         None => None,
     };

@@ -26,8 +26,9 @@ use clap::Args;
 use hemicube::analysis::surfaces::ERROR_MOST;
 use hemicube::sky::sky_product;
 use hemicube::solve::{
-    ArrayFile, Block, EnergyBalance, Factors, Method, Optics, OutOfCore, Pairs, Problem, Reading, SUMS, Solution,
-    SolutionWriter, SolveError, SolveOptions, Step, StoredSolution, Temperature, energy_balance, require_shares, solve,
+    ArrayFile, Block, EnergyBalance, Factors, HeatSolution, Method, Optics, OutOfCore, Pairs, Problem, Reading, SUMS,
+    Solution, SolutionWriter, SolveError, SolveOptions, Step, StoredSolution, Temperature, energy_balance,
+    require_shares, solve,
 };
 use hemicube::store::{PatchTable, RowTable, Store};
 use hemicube_scene::Budget;
@@ -575,6 +576,34 @@ fn columns_at_once(arguments: &Arguments, store: &Store) -> u64 {
     (arguments.memory / 2 / (8 * vectors * u64::from(store.patch_count()).max(1))).clamp(1, 1024)
 }
 
+/// What is told of a solution of heat at a moment.
+struct Judged {
+    balance: Vec<EnergyBalance>,
+    /// The part of the heat that is not known.
+    share: f64,
+    warnings: Vec<String>,
+    unsettled: Option<String>,
+    results: surfaces::Results,
+}
+
+/// What `of` makes of each item, in their order, by several threads.
+fn in_parallel<T: Sync, R: Send>(items: &[T], threads: usize, of: &(dyn Fn(&T) -> R + Sync)) -> Vec<R> {
+    let share = items.len().div_ceil(threads.max(1)).max(1);
+    std::thread::scope(|scope| {
+        let of_share = |items: &'_ [T]| items.iter().map(of).collect::<Vec<R>>();
+        let workers: Vec<_> = items
+            .chunks(share)
+            .map(|items| scope.spawn(move || of_share(items)))
+            .collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Vec<R>>| {
+            worker
+                .join()
+                .unwrap_or_else(|payload| std::panic::resume_unwind(payload))
+        };
+        workers.into_iter().flat_map(join).collect()
+    })
+}
+
 /// How a task is worked on, and what shines on it: the suns, and what arrives of them on each patch.
 struct Work<'a> {
     sun: Option<(&'a Suns, Block)>,
@@ -706,32 +735,47 @@ impl<'a> Task<'a> {
             let Some((exchange, found)) = found else {
                 return Ok(None);
             };
-            for found in found {
+            let judge = |found: &HeatSolution| self.judged(exchange, factors, found);
+            for (found, judged) in found.iter().zip(in_parallel(&found, self.options.threads(), &judge)) {
+                let judged = judged?;
                 record.count(&found.solution);
-                let balance = energy_balance(&found.problem, &found.solution, &self.table.area, self.row_table);
-                record.balance.extend(balance);
-                let enclosures = exchange.enclosures(factors, self.table, self.row_table, &found)?;
+                record.balance.extend(judged.balance);
                 // Of the moment of which least is known.
-                let share = enclosures.share();
-                if record.energy_error.is_none_or(|most| share > most) {
-                    record.energy_error = Some(share);
-                    record.warnings = exchange.warnings(&enclosures);
+                if record.energy_error.is_none_or(|most| judged.share > most) {
+                    record.energy_error = Some(judged.share);
+                    record.warnings = judged.warnings;
                 }
-                record.unsettled = record.unsettled.take().or(exchange.unsettled(&found));
+                record.unsettled = record.unsettled.take().or(judged.unsettled);
                 keep(writer, &found.solution, Some(&found.temperature), self.row_table)?;
-                let results = exchange.by_surface(self.table, self.row_table, &found, enclosures);
                 if record.balance.len() == 1 {
                     let what = format!("results by surface of {}", counted(self.rows, "moment"));
-                    let bytes = self.rows.saturating_mul(results.bytes());
+                    let bytes = self.rows.saturating_mul(judged.results.bytes());
                     forecast::require(Budget::default(), bytes, &what, "solve for fewer moments at a time")?;
                 }
                 record
                     .by_surface
-                    .add(record.moments.get(record.balance.len() - 1), results);
+                    .add(record.moments.get(record.balance.len() - 1), judged.results);
             }
             first = end;
         }
         Ok(Some(()))
+    }
+
+    /// What is told of a solution of heat.
+    fn judged(
+        &self,
+        exchange: &heat::Exchange,
+        factors: &dyn Factors,
+        found: &HeatSolution,
+    ) -> Result<Judged, SolveError> {
+        let enclosures = exchange.enclosures(factors, self.table, self.row_table, found)?;
+        Ok(Judged {
+            balance: energy_balance(&found.problem, &found.solution, &self.table.area, self.row_table),
+            share: enclosures.share(),
+            warnings: exchange.warnings(&enclosures),
+            unsettled: exchange.unsettled(found),
+            results: exchange.by_surface(self.table, self.row_table, found, enclosures),
+        })
     }
 
     fn new(

@@ -127,7 +127,14 @@ pub fn write_points(path: &Path, patch_count: u32, rows: &[PointRow]) -> Result<
 /// # Errors
 /// When the file cannot be read or damaged, or a vector is not of its columns.
 pub fn sky_product(path: &Path, vectors: &[Vec<f64>]) -> Result<Block> {
-    let sky = StoredSky::open(path)?;
+    product_of_sky(path, &StoredSky::open(path)?, vectors)
+}
+
+/// [`sky_product`] of a file that is open; `path` is its, for errors.
+///
+/// # Errors
+/// When a vector is not of its columns.
+pub fn product_of_sky(path: &Path, sky: &StoredSky, vectors: &[Vec<f64>]) -> Result<Block> {
     if vectors.iter().any(|vector| vector.len() != sky.columns() as usize) {
         return Err(Error::unsupported(
             path,
@@ -137,13 +144,17 @@ pub fn sky_product(path: &Path, vectors: &[Vec<f64>]) -> Result<Block> {
             ),
         ));
     }
+    // The numbers of a column side by side: each entry then meets all of them at once.
+    let x = Block::from_fn(sky.columns() as usize, vectors.len(), |column, vector| {
+        vectors[vector][column]
+    });
     let mut product = Block::zeros(sky.rows(), vectors.len());
     for row in 0..sky.rows() {
         let out = product.of_mut(row);
         let (columns, shares) = sky.row(row);
         for (&column, share) in columns.iter().zip(shares) {
-            for (sum, vector) in out.iter_mut().zip(vectors) {
-                *sum += share * vector[column as usize];
+            for (sum, value) in out.iter_mut().zip(x.of(column as usize)) {
+                *sum += share * value;
             }
         }
     }

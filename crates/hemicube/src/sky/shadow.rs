@@ -135,7 +135,7 @@ impl View {
         rows.flat_map(move |row| columns.clone().map(move |column| (row * edge + column) as usize))
     }
 
-    /// Number of surfaces of which views are held at a time.
+    /// Number of surfaces of a view.
     pub(super) fn surfaces(model: &Model) -> usize {
         model.geometry().surfaces.len()
     }
@@ -168,8 +168,79 @@ pub(super) struct Cutter {
     /// The number of the last patch that each surface was looked at for.
     seen: Vec<u32>,
     turn: u32,
-    pieces: Vec<Piece>,
-    left: Vec<Piece>,
+    pieces: Pieces,
+    left: Pieces,
+    /// What of a piece is inside of some edges, and of the next one, too.
+    inside: [Piece; 2],
+}
+
+/// Pieces of a patch, in places that are used again: a piece has 400 bytes, and most have three to five corners.
+#[derive(Debug, Default)]
+struct Pieces {
+    places: Vec<Piece>,
+    count: usize,
+}
+
+impl Pieces {
+    fn all(&self) -> &[Piece] {
+        &self.places[..self.count]
+    }
+
+    /// The place of the next piece, whose corners are those of an earlier use.
+    fn next(&mut self) -> &mut Piece {
+        if self.count == self.places.len() {
+            self.places.push(Piece::EMPTY);
+        }
+        self.count += 1;
+        &mut self.places[self.count - 1]
+    }
+
+    fn push(&mut self, piece: &Piece) {
+        self.next().copy(piece.corners());
+    }
+}
+
+/// Planes along the sun through the edges of an occluder, inwards: unit normals and offsets.
+#[derive(Debug)]
+struct Edges {
+    planes: [(DVec3, f64); 4],
+    count: usize,
+}
+
+impl Edges {
+    /// `None` for an occluder that the sun sees edge-on.
+    fn new(occluder: &[DVec3], sun: DVec3) -> Option<Self> {
+        let across = normal_of(occluder).dot(sun);
+        let mut edges = Self {
+            planes: [(DVec3::ZERO, 0.0); 4],
+            count: 0,
+        };
+        if across == 0.0 {
+            return None;
+        }
+        for (place, &from) in occluder.iter().enumerate() {
+            let to = occluder[(place + 1) % occluder.len()];
+            if let Some(normal) = (sun.cross(to - from) * across.signum()).try_normalize() {
+                edges.planes[edges.count] = (normal, normal.dot(from));
+                edges.count += 1;
+            }
+        }
+        Some(edges)
+    }
+
+    fn planes(&self) -> &[(DVec3, f64)] {
+        &self.planes[..self.count]
+    }
+
+    /// Returns whether all corners of a piece lie beyond one edge.
+    fn are_beside(&self, corners: &[DVec3]) -> bool {
+        self.planes().iter().any(|&plane| are_beyond(plane, corners))
+    }
+}
+
+/// Returns whether no corner lies in front of a plane.
+fn are_beyond((normal, offset): (DVec3, f64), corners: &[DVec3]) -> bool {
+    corners.iter().all(|&corner| normal.dot(corner) - offset <= SLACK)
 }
 
 impl Cutter {
@@ -177,8 +248,9 @@ impl Cutter {
         Self {
             seen: vec![0; View::surfaces(model)],
             turn: 0,
-            pieces: Vec::new(),
-            left: Vec::new(),
+            pieces: Pieces::default(),
+            left: Pieces::default(),
+            inside: [Piece::EMPTY; 2],
         }
     }
 
@@ -193,8 +265,8 @@ impl Cutter {
         let own = Flat::of(&facet.corners, &view.axes, view.sun);
         let walls = walls(&facet.corners, view.sun);
         let whole = geometry::area(&facet.corners);
-        self.pieces.clear();
-        self.pieces.push(Piece::of(&facet.corners));
+        self.pieces.count = 0;
+        self.pieces.next().copy(&facet.corners);
         for cell in view.cells(&own) {
             for &surface in &view.items[view.starts[cell] as usize..view.starts[cell + 1] as usize] {
                 let surface = surface as usize;
@@ -207,63 +279,77 @@ impl Cutter {
                     continue;
                 }
                 let of = &geometry.surfaces[surface];
+                if walls.iter().any(|&wall| are_beyond(wall, &of.corners)) {
+                    continue;
+                }
                 if model.patches().surface(of.front) == facet.surface {
                     continue;
                 }
                 let front = in_front(&of.corners, facet.corners[0], facet.normal, geometry.plane_tolerance);
                 let Some(front) = front else { continue };
-                let is_beside = |&(normal, offset): &(DVec3, f64)| {
-                    front
-                        .corners()
-                        .iter()
-                        .all(|&corner| normal.dot(corner) - offset <= SLACK)
-                };
-                if walls.iter().any(is_beside) {
+                // Of an occluder through the patch's plane, the part in front of it.
+                if walls.iter().any(|&wall| are_beyond(wall, front.corners())) {
                     continue;
                 }
-                self.cut(front.corners(), view.sun, SLIVER * whole)?;
-                if self.pieces.is_empty() {
+                let Some(edges) = Edges::new(front.corners(), view.sun) else {
+                    continue;
+                };
+                if edges.are_beside(&facet.corners) {
+                    continue;
+                }
+                self.cut(&edges, SLIVER * whole)?;
+                if self.pieces.count == 0 {
                     return Some(0.0);
                 }
             }
         }
-        let left: f64 = self.pieces.iter().map(|piece| area(piece.corners())).sum();
+        let left: f64 = self.pieces.all().iter().map(|piece| area(piece.corners())).sum();
         Some((left / whole).min(1.0))
     }
 
     /// Takes what an occluder hides along the sun away from all pieces; `None` where there are too many.
-    fn cut(&mut self, occluder: &[DVec3], sun: DVec3, least: f64) -> Option<()> {
-        let across = normal_of(occluder).dot(sun);
-        if across == 0.0 {
+    fn cut(&mut self, edges: &Edges, least: f64) -> Option<()> {
+        let is_met = |piece: &Piece| !edges.are_beside(piece.corners());
+        if !self.pieces.all().iter().any(is_met) {
             return Some(());
         }
-        self.left.clear();
-        for piece in &self.pieces {
+        self.left.count = 0;
+        for piece in self.pieces.all() {
+            if !is_met(piece) {
+                self.left.push(piece);
+                continue;
+            }
             // Parts outside of the edges so far; they count only where something is left inside of all.
-            let first = self.left.len();
-            let mut inside = *piece;
-            for (place, &from) in occluder.iter().enumerate() {
-                let to = occluder[(place + 1) % occluder.len()];
-                let Some(normal) = (sun.cross(to - from) * across.signum()).try_normalize() else {
-                    continue;
-                };
+            let first = self.left.count;
+            let [one, other] = &mut self.inside;
+            let (mut inside, mut within) = (one, other);
+            inside.copy(piece.corners());
+            for &(normal, offset) in edges.planes() {
                 if inside.len() + 1 >= CORNERS {
                     return None;
                 }
-                let (within, without) = inside.split(normal, normal.dot(from), SLACK);
-                inside = within;
+                if inside
+                    .corners()
+                    .iter()
+                    .all(|&corner| normal.dot(corner) - offset >= -SLACK)
+                {
+                    continue;
+                }
+                let without = self.left.next();
+                inside.split_into(normal, offset, SLACK, within, without);
+                if without.len() < 3 || area(without.corners()) <= least {
+                    self.left.count -= 1;
+                }
+                std::mem::swap(&mut inside, &mut within);
                 if inside.len() < 3 {
                     break;
                 }
-                if without.len() >= 3 && area(without.corners()) > least {
-                    self.left.push(without);
-                }
             }
             if inside.len() < 3 || area(inside.corners()) <= least {
-                self.left.truncate(first);
-                self.left.push(*piece);
+                self.left.count = first;
+                self.left.push(piece);
             }
-            if self.left.len() > PIECES_MOST {
+            if self.left.count > PIECES_MOST {
                 return None;
             }
         }

@@ -18,6 +18,7 @@ use crate::sampling::sobol::{BATCH, Sequence, fold};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use hemicube_spatial::whole;
+use std::sync::{Mutex, PoisonError};
 
 /// Error of the share of a patch that a sun lights, unless another is asked for: that of a matrix by default.
 pub const SUN_ERROR: f64 = 0.02;
@@ -25,6 +26,8 @@ pub const SUN_ERROR: f64 = 0.02;
 /// view of 112 bytes a surface. A choice: with fewer views, threads wait for each other more often.
 const VIEWS: usize = 64;
 const IN_VIEWS: usize = 1 << 18;
+/// Patches that a thread takes at a time, all under one sun: its view then stays in the processor's cache.
+const PATCHES: usize = 4096;
 /// Points of a patch at most. A choice: a smaller error costs no more.
 const MOST: f64 = 65_536.0;
 
@@ -79,37 +82,43 @@ pub fn sunlit(
     let reference = Reference::new(model, ReferenceSettings::default())?;
     let threads = threads_of(threads);
     let at_once = (IN_VIEWS / View::surfaces(model).max(1)).clamp(1, VIEWS);
+    let facets: Vec<Option<Facet>> = patches.iter().map(|&patch| Facet::new(model, patch)).collect();
     for (block, directions) in suns.chunks(at_once).enumerate() {
         let views = views(model, directions, threads);
-        let share = patches.len().div_ceil(threads).max(1);
+        // A row a sun, in pieces of some patches.
+        let mut of_block = vec![0.0f32; patches.len() * directions.len()];
+        let rows = of_block.chunks_mut(patches.len().max(1)).enumerate();
+        let pieces = Mutex::new(rows.flat_map(|(sun, row)| {
+            let pieces = row.chunks_mut(PATCHES).enumerate();
+            pieces.map(move |(piece, lit)| (sun, piece * PATCHES, lit))
+        }));
         std::thread::scope(|scope| {
-            let mut workers = Vec::new();
-            for (patches, lit) in patches.chunks(share).zip(lit.chunks_mut(share * suns.len())) {
-                let (reference, views) = (&reference, &views);
-                workers.push(scope.spawn(move || -> Result<(), ReferenceError> {
-                    let mut cutter = Cutter::new(model);
-                    for (&patch, lit) in patches.iter().zip(lit.chunks_exact_mut(suns.len())) {
-                        let normal = model.patches().normal(patch);
-                        let facet = Facet::new(model, patch);
-                        let lit = lit.iter_mut().skip(block * at_once);
-                        for ((lit, &sun), view) in lit.zip(directions).zip(views) {
-                            if normal.dot(sun) <= 0.0 || horizon.is_below(sun) {
-                                continue;
-                            }
-                            let whole = facet.as_ref().zip(view.as_ref());
-                            let exact = whole.and_then(|(facet, view)| cutter.lit(model, view, facet));
-                            let mean = match exact {
-                                Some(exact) => exact,
-                                None => by_points(model, reference, patch, sun, error)?,
-                            };
-                            #[allow(clippy::cast_possible_truncation, reason = "a share")]
-                            let mean = mean as f32;
-                            *lit = mean;
-                        }
+            let work = || -> Result<(), ReferenceError> {
+                let mut cutter = Cutter::new(model);
+                loop {
+                    let next = pieces.lock().unwrap_or_else(PoisonError::into_inner).next();
+                    let Some((sun, first, lit)) = next else { return Ok(()) };
+                    let (view, sun) = (&views[sun], directions[sun]);
+                    if horizon.is_below(sun) {
+                        continue;
                     }
-                    Ok(())
-                }));
-            }
+                    for (lit, (&patch, facet)) in lit.iter_mut().zip(patches.iter().zip(&facets).skip(first)) {
+                        if model.patches().normal(patch).dot(sun) <= 0.0 {
+                            continue;
+                        }
+                        let whole = facet.as_ref().zip(view.as_ref());
+                        let exact = whole.and_then(|(facet, view)| cutter.lit(model, view, facet));
+                        let mean = match exact {
+                            Some(exact) => exact,
+                            None => by_points(model, &reference, patch, sun, error)?,
+                        };
+                        #[allow(clippy::cast_possible_truncation, reason = "a share")]
+                        let mean = mean as f32;
+                        *lit = mean;
+                    }
+                }
+            };
+            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
             for worker in workers {
                 worker
                     .join()
@@ -117,6 +126,10 @@ pub fn sunlit(
             }
             Ok(())
         })?;
+        for (sun, row) in of_block.chunks(patches.len().max(1)).enumerate() {
+            let of_patches = lit.iter_mut().skip(block * at_once + sun).step_by(suns.len());
+            of_patches.zip(row).for_each(|(lit, found)| *lit = *found);
+        }
     }
     Ok(lit)
 }

@@ -194,15 +194,38 @@ fn row_product_of<F: Number>(columns: &[i32], factors: &[F], x: &Block, out: &mu
         3 => fixed::<3>(columns, factors, x, out),
         8 => fixed::<8>(columns, factors, x, out),
         _ => {
-            out.fill(0.0);
+            let (lanes, rest) = out.as_chunks_mut::<LANES>();
+            let first_of_rest = LANES * lanes.len();
+            for (place, out) in lanes.iter_mut().enumerate() {
+                *out = some_columns(columns, factors, x, LANES * place);
+            }
+            rest.fill(0.0);
             for (&column, &factor) in columns.iter().zip(factors) {
                 let factor: f64 = factor.into();
-                for (sum, value) in out.iter_mut().zip(x.of(column.cast_unsigned() as usize)) {
+                let values = &x.of(column.cast_unsigned() as usize)[first_of_rest..];
+                for (sum, value) in rest.iter_mut().zip(values) {
                     *sum += factor * value;
                 }
             }
         }
     }
+}
+
+/// Columns whose sums stay in registers: those of the least instruction set hold twice as many.
+const LANES: usize = 16;
+
+/// A row's product with so many columns of `x` from `first` on.
+#[inline]
+fn some_columns<F: Number>(columns: &[i32], factors: &[F], x: &Block, first: usize) -> [f64; LANES] {
+    let mut sums = [0.0; LANES];
+    for (&column, &factor) in columns.iter().zip(factors) {
+        let factor: f64 = factor.into();
+        let values = x.of(column.cast_unsigned() as usize)[first..].first_chunk::<LANES>();
+        for (sum, value) in sums.iter_mut().zip(values.into_iter().flatten()) {
+            *sum += factor * value;
+        }
+    }
+    sums
 }
 
 #[inline]
@@ -229,7 +252,30 @@ pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Bloc
     }
     let columns = x.columns();
     let mut product = Block::zeros(factors.patch_count(), columns);
+    let mut has_row = vec![false; factors.patch_count()];
+    let mut take = |patch: u32| match has_row.get_mut(patch as usize) {
+        Some(has_row @ false) => {
+            *has_row = true;
+            Ok(())
+        }
+        _ => {
+            let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
+            Err(Error::malformed(Path::new("the matrix"), reason))
+        }
+    };
     let run_count = factors.run_count();
+    if threads <= 1 && factors.is_in_memory() {
+        // No thread for each of many products.
+        for run in 0..run_count {
+            let part = factors.run(run)?;
+            for (row, &patch) in part.rows.iter().enumerate() {
+                take(patch)?;
+                let (indices, data) = part.row(row);
+                row_product(indices, data, x, product.of_mut(patch as usize));
+            }
+        }
+        return Ok(product);
+    }
     let next = AtomicUsize::new(0);
     std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::sync_channel(2 * threads.max(1));
@@ -257,17 +303,10 @@ pub fn multiply(factors: &dyn Factors, x: &Block, threads: usize) -> Result<Bloc
             });
         }
         drop(sender);
-        let mut has_row = vec![false; factors.patch_count()];
         for result in receiver {
             let (part, values) = result?;
             for (&patch, value) in part.rows.iter().zip(values.chunks_exact(columns.max(1))) {
-                match has_row.get_mut(patch as usize) {
-                    Some(has_row @ false) => *has_row = true,
-                    _ => {
-                        let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
-                        return Err(Error::malformed(Path::new("the matrix"), reason));
-                    }
-                }
+                take(patch)?;
                 product.of_mut(patch as usize).copy_from_slice(value);
             }
         }

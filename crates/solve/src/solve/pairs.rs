@@ -17,12 +17,13 @@
 //! Σ Aᵢ (F' y)ᵢ xᵢ but for rounding: what is given off is taken up. The sum of a row of F' is its own: what it lacks of 1,
 //! or has too much, is the row's error ([`Pairs::rows`]).
 //!
-//! In memory are [`SUMS`] more vectors a column of x, each over its share of the runs. They are added up in their order,
+//! Where many right-hand sides are solved for, F' is made once and lies in memory ([`merged`]), if it is small. Otherwise in
+//! memory are [`SUMS`] more vectors a column of x, each over its share of the runs. They are added up in their order,
 //! so the result does not depend on the threads.
 
 use super::factors::in_order;
-use super::{Block, Factors};
-use hemicube_store::{Error, FactorSlice, Number, Part, Result, RowTable};
+use super::{Block, Factors, InMemory};
+use hemicube_store::{Error, FactorSlice, FactorVec, Number, Part, Result, RowTable};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -302,6 +303,87 @@ pub(super) fn multiply(factors: &dyn Factors, weights: &Weights, x: &Block, thre
     Ok(product)
 }
 
+/// Entries of a matrix of pairs made once for all right-hand sides, at most: 256 MB. A choice.
+const MERGED_MOST: usize = 1 << 24;
+/// Runs of such a matrix: the most threads that can work on a product.
+const MERGED_RUNS: usize = 64;
+
+/// The rows of F' in memory, by which a product takes each pair once a row and adds nothing to other rows: for many
+/// products. `None` where that takes too much room.
+///
+/// # Errors
+/// When a run cannot be read, or a patch has two rows.
+pub(super) fn merged(factors: &dyn Factors, weights: &Weights) -> Result<Option<InMemory>> {
+    let count = factors.patch_count();
+    let runs = (0..factors.run_count()).map(|run| factors.run(run));
+    let parts = runs.collect::<Result<Vec<Arc<Part>>>>()?;
+    // Each entry is one of its row and one of its column's row.
+    let mut begins = vec![0usize; count + 1];
+    let mut has_row = vec![false; count];
+    for part in &parts {
+        for (row, &patch) in part.rows.iter().enumerate() {
+            match has_row.get_mut(patch as usize) {
+                Some(has_row @ false) => *has_row = true,
+                _ => return Err(twice(patch)),
+            }
+            let (columns, _) = part.row(row);
+            begins[patch as usize + 1] += columns.len();
+            for &column in columns {
+                begins[column.cast_unsigned() as usize + 1] += 1;
+            }
+        }
+    }
+    for patch in 0..count {
+        begins[patch + 1] += begins[patch];
+    }
+    if begins[count] > MERGED_MOST {
+        return Ok(None);
+    }
+    let mut entries = vec![(0i32, 0.0f64); begins[count]];
+    let mut next = begins.clone();
+    let mut put = |row: usize, column: i32, reading: f64| {
+        entries[next[row]] = (column, reading);
+        next[row] += 1;
+    };
+    for part in &parts {
+        for (row, &patch) in part.rows.iter().enumerate() {
+            let (columns, data) = part.row(row);
+            let own = weights.of(patch as usize);
+            for (&column, factor) in columns.iter().zip(data) {
+                let other = column.cast_unsigned() as usize;
+                let reading = weights.reading(own, other, factor);
+                put(patch as usize, column, reading);
+                put(other, patch.cast_signed(), reading);
+            }
+        }
+    }
+    let patches: Vec<usize> = (0..count).collect();
+    let parts = patches.chunks(count.div_ceil(MERGED_RUNS).max(1)).map(|patches| {
+        let mut part = Part {
+            indptr: vec![0],
+            // Sums of two readings over an area, which are no numbers of the store's.
+            data: FactorVec::Double(Vec::new()),
+            ..Part::default()
+        };
+        for &patch in patches {
+            let row = &mut entries[begins[patch]..begins[patch + 1]];
+            // Readings of one pair stay in their order.
+            row.sort_by_key(|(column, _)| *column);
+            let area = weights.area[patch];
+            let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
+            for pair in row.chunk_by(|a, b| a.0 == b.0) {
+                part.indices.push(pair[0].0);
+                part.data
+                    .push(pair.iter().map(|(_, reading)| reading).sum::<f64>() * scale);
+            }
+            part.rows.push(u32::try_from(patch).unwrap_or(u32::MAX));
+            part.indptr.push(i64::try_from(part.indices.len()).unwrap_or(i64::MAX));
+        }
+        part
+    });
+    Ok(Some(InMemory::new(count, parts.collect())))
+}
+
 fn twice(patch: u32) -> Error {
     let reason = format!("has a row of patch {patch}, which does not exist or has a row already");
     Error::malformed(Path::new("the matrix"), reason)
@@ -552,6 +634,71 @@ mod tests {
             off.abs() > 0.1 && (named.iter().sum::<f64>() / 2.0 - off).abs() < 1e-9 * off.abs().max(1.0),
             "{off}"
         );
+    }
+
+    #[test]
+    fn the_merged_matrix_has_the_products_of_the_pairs() {
+        let (rows, areas) = (rows(23), areas(23));
+        let runs = in_runs(&rows);
+        let pairs = Pairs::new(&runs, &areas, &RowTable::unknown(23), 1).unwrap();
+        let merged = merged(&pairs, &pairs.weights).unwrap().expect("a small matrix");
+        for columns in [1, 3, 16, 40] {
+            let x = Block::from_fn(23, columns, |patch, column| {
+                ((patch * 7 + column * 3) % 11) as f64 - 5.0
+            });
+            let wanted = multiply(&pairs, &pairs.weights, &x, 1).unwrap();
+            let found = crate::solve::multiply(&merged, &x, 1).unwrap();
+            assert_eq!(found, crate::solve::multiply(&merged, &x, 5).unwrap());
+            for (found, wanted) in found.values().iter().zip(wanted.values()) {
+                assert!(
+                    (found - wanted).abs() < 1e-13 * (1.0 + wanted.abs()),
+                    "{columns}: {found} {wanted}"
+                );
+            }
+        }
+        let twice = InMemory::new(2, vec![Part::clone(&InMemory::dense(&[vec![0.5]]).run(0).unwrap()); 2]);
+        let areas = Pairs::new(&twice, &[1.0; 2], &RowTable::unknown(2), 1).unwrap();
+        assert!(super::merged(&areas, &areas.weights).is_err());
+    }
+
+    #[test]
+    fn many_right_hand_sides_have_the_solutions_of_each_alone_on_any_threads() {
+        let (rows, areas) = (rows(23), areas(23));
+        let runs = in_runs(&rows);
+        let mut table = RowTable::unknown(23);
+        table.escaped = vec![0.0; 23];
+        table.row_sum = rows.iter().map(|row| row.iter().sum()).collect();
+        let pairs = Pairs::new(&runs, &areas, &table, 1).unwrap();
+        let returned = pairs.rows(&table, 1).unwrap().returned();
+        let problem = |columns: std::ops::Range<usize>| Problem {
+            reflectance: Block::from_fn(23, 1, |patch, _| 0.3 + 0.02 * patch as f64),
+            bands: vec![0; columns.len()],
+            emission: Block::from_fn(23, columns.len(), |patch, column| {
+                ((patch + 3 * (columns.start + column)) % 7) as f64
+            }),
+            outside: None,
+            returned: Some(returned.clone()),
+        };
+        let solved = |columns, threads| {
+            let options = SolveOptions {
+                tolerance: 1e-12,
+                threads,
+                ..SolveOptions::default()
+            };
+            solve(&pairs, &problem(columns), options, &mut |_| true).unwrap()
+        };
+        let all = solved(0..600, 1);
+        assert!(all.converged);
+        for threads in [2, 5] {
+            assert_eq!(solved(0..600, threads).radiosity, all.radiosity);
+        }
+        for column in [0, 31, 32, 599] {
+            let alone = solved(column..column + 1, 1);
+            for patch in 0..23 {
+                let (a, b) = (alone.radiosity.of(patch)[0], all.radiosity.of(patch)[column]);
+                assert!((a - b).abs() < 1e-9 * a.abs().max(1.0), "{column} {patch}: {a} {b}");
+            }
+        }
     }
 
     #[test]

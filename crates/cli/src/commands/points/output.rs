@@ -1,5 +1,6 @@
 //! Rows of sensors as tables, arrays, maps and pictures.
 
+use super::comfort;
 use super::crs::Crs;
 use super::heat::Heat;
 use super::map::{self, Band, NO_DATA};
@@ -48,6 +49,7 @@ enum Format {
     NetCdf,
     AsciiGrid,
     Picture,
+    Idf,
 }
 
 impl Format {
@@ -61,8 +63,9 @@ impl Format {
             Some("nc") => Ok(Self::NetCdf),
             Some("asc") => Ok(Self::AsciiGrid),
             Some("png" | "svg") => Ok(Self::Picture),
+            Some("idf") => Ok(Self::Idf),
             _ => bail!(
-                "`--output {}`: a name that ends in .csv, .json, .npz, .tif, .nc, .asc, .png or .svg is needed",
+                "`--output {}`: a name that ends in .csv, .json, .npz, .idf, .tif, .nc, .asc, .png or .svg is needed",
                 path.display()
             ),
         }
@@ -81,6 +84,9 @@ impl Format {
 pub(super) fn require(arguments: &Arguments) -> Result<()> {
     let formats: Result<Vec<Format>> = arguments.output.iter().map(|path| Format::of(path)).collect();
     let formats = formats?;
+    if formats.contains(&Format::Idf) {
+        comfort::require(arguments)?;
+    }
     for (path, format) in arguments.output.iter().zip(&formats) {
         let what = if format.is_map() { "map" } else { "picture" };
         let is_of_cells = format.is_map() || *format == Format::Picture;
@@ -448,7 +454,16 @@ impl Written<'_> {
             Format::Npz => self.npz(path),
             format @ (Format::Tiff | Format::NetCdf | Format::AsciiGrid) => self.map_file(format, path),
             Format::Picture => self.picture()?.save(path),
+            Format::Idf => self.idf(path),
         }
+    }
+
+    fn idf(&self, path: &Path) -> Result<()> {
+        let text = comfort::idf(self.sensors, self.groups, self.rows)?;
+        let mut file = PendingFile::create(path)?;
+        file.write_all(text.as_bytes())
+            .with_context(|| format!("`{}` cannot be written", path.display()))?;
+        file.commit()
     }
 
     /// Groups seen by any row, ascending.

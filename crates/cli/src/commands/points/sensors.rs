@@ -15,11 +15,13 @@ use hemicube::portal::Portals;
 use hemicube::sky::SensorPoint;
 use std::path::Path;
 
-/// Points and, where they have them, normals.
+/// Points and, where they have them, normals, names and the names of their zones.
 pub(super) struct Listed {
     pub(super) positions: Vec<DVec3>,
     pub(super) normals: Option<Vec<DVec3>>,
     pub(super) lines: Vec<u64>,
+    pub(super) names: Option<Vec<String>>,
+    pub(super) zones: Option<Vec<String>>,
 }
 
 /// Origin of the sensors.
@@ -28,16 +30,19 @@ pub(super) enum Source {
     Grid(super::grid::Grid),
 }
 
-/// Reads `x y z` or `x y z nx ny nz` a line.
+/// Reads `x y z` or `x y z nx ny nz` a line, and the columns `name` and `zone` where the table has them.
 ///
 /// # Errors
 /// When the file cannot be read, or a line is malformed: the error names it.
 pub(super) fn read(path: &Path) -> Result<Listed> {
+    let (names, zones) = (table::words(path, "name")?, table::words(path, "zone")?);
     match table::read_either(path, ["x", "y", "z"], ["x", "y", "z", "nx", "ny", "nz"])? {
         Either::First(rows) => Ok(Listed {
             positions: rows.iter().map(|row| DVec3::from_array(row.values)).collect(),
             normals: None,
             lines: rows.iter().map(|row| row.line).collect(),
+            names,
+            zones,
         }),
         Either::Second(rows) => {
             let points: Result<Vec<_>> = rows.iter().map(|row| row.looking(path)).collect();
@@ -46,6 +51,8 @@ pub(super) fn read(path: &Path) -> Result<Listed> {
                 positions,
                 normals: Some(normals),
                 lines: rows.iter().map(|row| row.line).collect(),
+                names,
+                zones,
             })
         }
     }
@@ -58,6 +65,9 @@ pub(super) struct Sensors {
     pub(super) normals: Option<Vec<DVec3>>,
     pub(super) places: Vec<Place>,
     lines: Vec<u64>,
+    /// Names of points and of their zones, of a table that has them.
+    pub(super) names: Option<Vec<String>>,
+    pub(super) zones: Option<Vec<String>>,
     pub(super) raster: Option<Raster>,
     pub(super) horizon: Horizon,
     /// A grid at a height above the ground: its planes look up.
@@ -67,10 +77,26 @@ pub(super) struct Sensors {
 impl Sensors {
     pub(super) fn new(arguments: &Arguments, source: Source, prepared: &Prepared, horizon: &Horizon) -> Result<Self> {
         let threads = arguments.engine.thread_count();
-        let (positions, normals, lines, mut raster) = match source {
-            Source::Listed(listed) => (listed.positions, listed.normals, listed.lines, None),
-            Source::Grid(grid) => (grid.positions, Some(grid.normals), Vec::new(), Some(grid.raster)),
+        let (listed, mut raster) = match source {
+            Source::Listed(listed) => (listed, None),
+            Source::Grid(grid) => (
+                Listed {
+                    positions: grid.positions,
+                    normals: Some(grid.normals),
+                    lines: Vec::new(),
+                    names: None,
+                    zones: None,
+                },
+                Some(grid.raster),
+            ),
         };
+        let Listed {
+            positions,
+            normals,
+            lines,
+            names,
+            zones,
+        } = listed;
         // A map of views is of what looks up; a radiant temperature is of a body in the open.
         let is_level = arguments.height.is_some();
         let has_heat = !arguments.solution.is_empty() || arguments.temperatures.is_some();
@@ -139,6 +165,8 @@ impl Sensors {
             normals,
             places,
             lines,
+            names,
+            zones,
             raster,
             horizon: *horizon,
             is_level,

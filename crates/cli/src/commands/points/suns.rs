@@ -6,7 +6,8 @@
 //! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude, and
 //!            of a seated one, who faces somewhere, its azimuth
 //! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it
-//! reflected  Σ F_j B_j, of the radiosities B of a solution of light
+//! reflected  Σ F_j B_j, of the radiosities B of a solution of light, and F_ground times what the ground below the horizon
+//!            sends, by its reflectance in the table
 //! ```
 //!
 //! The mean radiant temperature is that of black surroundings that would be absorbed as much of (VDI 3787 part 2, 2008),
@@ -55,6 +56,8 @@ pub(super) struct Hours {
     heats: Vec<Heat>,
     /// True if `--sky-temperature` takes the place of the table's.
     is_sky_given: bool,
+    /// What the ground below the horizon sends at each moment, W/m².
+    ground: Vec<f64>,
 }
 
 /// What a row brings at a moment without its shadows.
@@ -96,7 +99,7 @@ impl Hours {
         suns: Suns,
         solutions: &[(Store, StoredSolution)],
         prepared: &Prepared,
-        body: BodyName,
+        sensors: &Sensors,
     ) -> Result<Self> {
         if suns.moments.iter().any(|moment| moment.planet.is_some()) {
             return Err(hinted(
@@ -148,11 +151,13 @@ impl Hours {
                 light = (0..rows).map(read).collect::<Result<_>>()?;
             }
         }
-        if !heats.is_empty() && matches!(body, BodyName::Plane | BodyName::Cube) {
+        if !heats.is_empty() && matches!(sensors.body, BodyName::Plane | BodyName::Cube) {
             bail!("a mean radiant temperature with the sun is of `--as person`, `seated`, `sphere` or `cylinder`");
         }
         let is_sky_given = arguments.sky_temperature.is_some();
+        let up = sensors.horizon.up;
         Ok(Self {
+            ground: suns.moments.iter().map(|moment| moment.ground_radiosity(up)).collect(),
             suns,
             light,
             heats,
@@ -179,14 +184,21 @@ impl Hours {
         !self.light.is_empty()
     }
 
+    /// True if surfaces or the ground reflect light.
+    fn has_reflected(&self) -> bool {
+        self.has_light() || self.ground.iter().any(|&sent| sent > 0.0)
+    }
+
     /// What a row brings at each moment.
     pub(super) fn of_row(&self, row: &SensorRow) -> Vec<Brought> {
         let heat = |moment: usize| self.heats.get(if self.heats.len() == 1 { 0 } else { moment });
         let of = |moment: usize| Brought {
-            reflected: self.light.get(moment).map_or(0.0, |radiosity| {
-                let of_patch = |&(patch, factor): &(hemicube::InputPatch, f64)| factor * radiosity[patch.0 as usize];
-                row.patches.iter().map(of_patch).sum()
-            }),
+            reflected: row.ground * self.ground[moment]
+                + self.light.get(moment).map_or(0.0, |radiosity| {
+                    let of_patch =
+                        |&(patch, factor): &(hemicube::InputPatch, f64)| factor * radiosity[patch.0 as usize];
+                    row.patches.iter().map(of_patch).sum::<f64>()
+                }),
             longwave: heat(moment).map_or(f64::NAN, |heat| {
                 let sky = self.suns.moments[moment].sky_temperature.filter(|_| !self.is_sky_given);
                 heat.temperature_under(row, sky)
@@ -353,7 +365,7 @@ impl Hours {
             ("direct (W/m2)", |felt| felt.direct),
             ("diffuse (W/m2)", |felt| felt.diffuse),
         ];
-        if self.has_light() {
+        if self.has_reflected() {
             columns.push(("reflected (W/m2)", |felt| felt.reflected));
         }
         columns.push(("irradiance (W/m2)", Felt::irradiance));

@@ -2,7 +2,7 @@
 
 use super::moments::{Moments, Surroundings};
 use super::surfaces::{EnclosuresOfHeat, Results};
-use super::{Arguments, Sunlight, Surfaces, Work};
+use super::{Arguments, Sunlight, Surfaces, Work, in_parallel};
 use crate::args::{By, Talk};
 use crate::exit::hinted;
 use crate::materials;
@@ -288,7 +288,9 @@ impl Exchange {
             kind_of_patch: properties.kind_of_patch().to_vec(),
             thermal,
         };
-        for moment in 0..exchange.moments.len() {
+        let all: Vec<usize> = (0..exchange.moments.len()).collect();
+        let threads = arguments.options().threads();
+        let check = |&moment: &usize| -> Result<Undetermined> {
             let (heat, load) = exchange.of_patches(moment)?;
             if let Some(network) = &exchange.network {
                 of_surfaces(network, &heat, load.as_deref())?;
@@ -298,8 +300,13 @@ impl Exchange {
                 None => heat,
             };
             let undetermined = heat.require_temperatures(&exchange.enclosures, &rows.escaped, named);
-            exchange.undetermined = undetermined.map_err(|error| exchange.told_at(moment, error))?;
+            undetermined.map_err(|error| exchange.told_at(moment, error))
+        };
+        let mut undetermined = Undetermined::default();
+        for found in in_parallel(&all, threads, &check) {
+            undetermined = found?;
         }
+        exchange.undetermined = undetermined;
         Ok(exchange)
     }
 

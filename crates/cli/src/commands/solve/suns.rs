@@ -13,11 +13,12 @@ use anyhow::{Context, Result, bail};
 use glam::DVec3;
 use hemicube::frame::Horizon;
 use hemicube::portal::Portals;
-use hemicube::sky::{Glazed, SUN_ERROR, SkyDivision, sky_product, sunlight, sunlit};
+use hemicube::sky::{Glazed, SUN_ERROR, SkyDivision, StoredSky, product_of_sky, sunlight, sunlit};
 use hemicube::solve::Block;
 use hemicube::store::{RowTable, Store};
 use hemicube_scene::{Axis, Budget, InputPatch};
 use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
 
 /// Moments whose skies are multiplied with the sky rows at a time.
 const SKIES_AT_ONCE: usize = 64;
@@ -56,11 +57,18 @@ pub(super) fn skylight(
     // What arrives, and what is absorbed of it.
     let numbers = 16 * rows.escaped.len() as u64 * suns.len() as u64;
     forecast::require(Budget::default(), numbers, &what_of(rows.escaped.len(), suns), FEWER)?;
-    let Some(model) = suns.uneven() else {
-        let above = share_of_sky(arguments, store, rows, suns, talk)?;
-        return Ok(Block::from_fn(above.len(), suns.len(), |patch, at| {
-            suns.moments[at].diffuse * above[patch]
-        }));
+    let what = match (suns.uneven(), suns.names_ground()) {
+        (Some(model), _) => format!("a sky such as `{model}` needs to know which part of it each patch sees"),
+        (None, true) => format!(
+            "the `ground` of `{}` needs to know what each patch sees below the horizon",
+            suns.path.display()
+        ),
+        (None, false) => {
+            let above = share_of_sky(arguments, store, rows, suns, talk)?;
+            return Ok(Block::from_fn(above.len(), suns.len(), |patch, at| {
+                suns.moments[at].diffuse * above[patch]
+            }));
+        }
     };
     let rows_of_sky = match &arguments.sky {
         Some(path) => Ok(path.clone()),
@@ -68,7 +76,7 @@ pub(super) fn skylight(
     };
     let path = rows_of_sky.map_err(|error| {
         hinted(
-            error.context(format!("a sky such as `{model}` needs to know which part of it each patch sees")),
+            error.context(what),
             format!(
                 "`hemicube sky SCENE --matrix {} --division reinhart:2` computes it, with `--up` and `--north` where the \
                  scene does not say",
@@ -77,32 +85,63 @@ pub(super) fn skylight(
         )
     })?;
     let (division, horizon) = stored::sky_frame(&path)?;
+    let sky = StoredSky::open(&path)?;
     let patches = rows.escaped.len();
-    let mut found = Block::zeros(patches, suns.len());
-    for first in (0..suns.len()).step_by(SKIES_AT_ONCE) {
-        let moments = first..(first + SKIES_AT_ONCE).min(suns.len());
-        // A patch of the sky sends π times its radiance, like a white wall.
-        let sent = |at: usize| {
-            let radiances = suns.radiances(at, &division, horizon)?;
-            Ok(radiances
-                .into_iter()
-                .map(|radiance| std::f64::consts::PI * radiance)
-                .collect())
-        };
-        let vectors: Vec<Vec<f64>> = moments.clone().map(sent).collect::<Result<_>>()?;
-        let product = sky_product(&path, &vectors)?;
-        if product.patches() != patches {
-            bail!(
-                "`{}` is of {}, and the matrix of {patches}",
-                path.display(),
-                counted(product.patches() as u64, "patch")
-            );
-        }
-        for patch in 0..patches {
-            found.of_mut(patch)[moments.clone()].copy_from_slice(product.of(patch));
-        }
+    if sky.rows() != patches {
+        bail!(
+            "`{}` is of {}, and the matrix of {patches}",
+            path.display(),
+            counted(sky.rows() as u64, "patch")
+        );
     }
-    Ok(found)
+    // A patch of the sky sends π times its radiance, like a white wall, and so does the ground.
+    let sent = |at: usize| -> Result<Vec<f64>> {
+        let mut radiances = suns.radiances(at, &division, horizon)?;
+        radiances
+            .iter_mut()
+            .for_each(|radiance| *radiance *= std::f64::consts::PI);
+        Ok(radiances)
+    };
+    let is_bright = |at: &usize| {
+        let moment = &suns.moments[*at];
+        moment.diffuse > 0.0 || moment.ground_radiosity(horizon.up) > 0.0
+    };
+    let bright: Vec<usize> = (0..suns.len()).filter(is_bright).collect();
+    let groups = Mutex::new(bright.chunks(SKIES_AT_ONCE).enumerate());
+    let found = Mutex::new(Block::zeros(patches, suns.len()));
+    let product_of = |moments: &[usize]| -> Result<Block> {
+        let vectors: Vec<Vec<f64>> = moments.iter().map(|&at| sent(at)).collect::<Result<_>>()?;
+        Ok(product_of_sky(&path, &sky, &vectors)?)
+    };
+    let work = || -> Result<(), (usize, anyhow::Error)> {
+        loop {
+            let Some((group, moments)) = groups.lock().unwrap_or_else(PoisonError::into_inner).next() else {
+                return Ok(());
+            };
+            let product = product_of(moments).map_err(|error| (group, error))?;
+            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+            for patch in 0..patches {
+                for (&at, value) in moments.iter().zip(product.of(patch)) {
+                    found.of_mut(patch)[at] = *value;
+                }
+            }
+        }
+    };
+    let failed = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..arguments.options().threads()).map(|_| scope.spawn(work)).collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, Result<(), (usize, anyhow::Error)>>| {
+            let ended = worker
+                .join()
+                .unwrap_or_else(|payload| std::panic::resume_unwind(payload));
+            ended.err()
+        };
+        // Groups are begun in their order, so the first that fails is among them whatever the threads.
+        workers.into_iter().filter_map(join).min_by_key(|(group, _)| *group)
+    });
+    if let Some((_, error)) = failed {
+        return Err(error);
+    }
+    Ok(found.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
 /// Adds the sunlight that planets reflect.
