@@ -315,6 +315,23 @@ fn other_shells_take_their_completions() {
     }
 }
 
+#[test]
+fn the_table_of_platforms_is_the_scripts() {
+    let output = Command::new("bash")
+        .arg(workspace().join("scripts/platforms"))
+        .arg("--table")
+        .output()
+        .expect("bash runs");
+    assert!(output.status.success(), "{}", said(&output));
+    let table = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(table.lines().count() > 5, "{table}");
+    let page = std::fs::read_to_string(workspace().join("docs/install.md")).expect("a page");
+    assert!(
+        page.ends_with(&table),
+        "docs/install.md does not end with what `scripts/platforms --table` prints:\n{table}"
+    );
+}
+
 /// A table of a file of this repository.
 fn table(path: &str) -> toml::Table {
     let text = std::fs::read_to_string(workspace().join(path)).expect("a file");
