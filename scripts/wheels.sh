@@ -93,14 +93,19 @@ for platform in "$@"; do
         printf 'error: `%s` is not named as a wheel for every Python on %s\n' "$wheel" "$platform" >&2
         exit 1 ;;
     esac
-    python3 - "$wheel" "$platform" <<'PY'
+    python3 - "$wheel" "$platform" "$PWD" "${CARGO_HOME:-$HOME/.cargo}" <<'PY'
 import os, struct, sys, zipfile
 
-wheel, platform = sys.argv[1:]
+wheel, platform, *folders = sys.argv[1:]
 with zipfile.ZipFile(wheel) as archive:
     names = archive.namelist()
     (name,) = [name for name in names if name.endswith((".so", ".pyd"))]
     head = archive.open(name).read(4096)
+    for file in names:
+        content = archive.read(file)
+        for folder in folders:
+            if folder.encode() + b"/" in content:
+                sys.exit(f"error: {file} of {wheel} names `{folder}`, a folder of this machine")
     (entries,) = [archive.read(name).decode() for name in names if name.endswith("entry_points.txt")]
 if platform == "windows":
     at = struct.unpack("<I", head[60:64])[0]
