@@ -134,8 +134,8 @@ ensure_solvers() {
     ensure_packages "${missing[@]}"
 }
 
-# ensure_wine FOLDER — MinGW, and Wine with a folder of its own in FOLDER, 0.7 GB. `$wine` runs a program of Windows; one that is
-# Rust's wants FOLDER/bcryptprimitives.dll beside it. Fails if they cannot be installed.
+# ensure_wine FOLDER — MinGW, and Wine with a folder of its own in FOLDER, 0.7 GB. `$wine` runs a program of Windows;
+# Rust's want FOLDER/bcryptprimitives.dll beside them. Fails if they cannot be installed.
 ensure_wine() {
     local folder=$1
     wine=/usr/lib/wine/wine64

@@ -1,17 +1,18 @@
 #!/usr/bin/env bash
-# Builds the wheels of the Python package, with the program in them: one a platform, for every Python from 3.10 on (abi3).
+# Builds the wheels of the Python package, with the program in them: one a platform, for Python from 3.10 on (abi3).
 #
-#   scripts/wheels.sh FOLDER [PLATFORM ...]           PLATFORM: x86_64, aarch64, musl, windows or source; all without any
-#   scripts/wheels.sh --quick FOLDER [PLATFORM ...]   with little optimisation, in a fraction of the time: to be tried, not kept
+#   scripts/wheels.sh FOLDER [PLATFORM ...]           all platforms without any
+#   scripts/wheels.sh --quick FOLDER [PLATFORM ...]   with little optimisation, in less time: to be tried, not kept
 #
 #   x86_64, aarch64   Linux with glibc 2.17 or newer (manylinux2014)
 #   musl              Linux with musl 1.2 on x86-64 (musllinux_1_2), as Alpine has it
 #   windows           Windows on x86-64
 #   source            no wheel, but the source distribution, of which pip builds one with Rust
 #
-# maturin and Zig, which links for Linux, come from PyPI into the folder of tools (scripts/ensure.sh), MinGW from Debian, Rust's
-# standard library from rustup. The same sources give the same bytes, wherever the clone and Cargo's folders lie. A platform whose
-# wheel cannot be built has a line `SKIP PLATFORM: the reason`, and the script ends with 3.
+# maturin and Zig, which links for Linux, come from PyPI into the folder of tools (scripts/ensure.sh), MinGW from Debian,
+# Rust's standard library from rustup. A wheel must not name a folder of this machine: the same sources are to give the
+# same bytes, wherever they lie. A platform whose wheel cannot be built has a line `SKIP PLATFORM: the reason`, and the
+# script ends with 3.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 usage() { printf 'usage: scripts/wheels.sh [--quick] FOLDER [x86_64|aarch64|musl|windows|source ...]\n' >&2; exit 2; }
@@ -49,8 +50,8 @@ if ! tools=$(python_environment wheels 'maturin>=1.9,<2' 'ziglang>=0.13'); then
 fi
 tools=${tools%/bin/python}
 
-# Nothing of this machine in a wheel: neither paths in messages of panics, nor times in the archive, which begin with 1980.
-# Line numbers are for those who build it, and would be half of it: without them, Cargo strips those of the standard library.
+# Neither paths in messages of panics, nor times in the archive, which begin with 1980. Line numbers are for those who
+# build it, and would be half of it: without them, Cargo strips those of the standard library.
 export SOURCE_DATE_EPOCH=315532800 CARGO_PROFILE_RELEASE_DEBUG=false
 CARGO_ENCODED_RUSTFLAGS=$(printf -- '--remap-path-prefix=%s=\x1f--remap-path-prefix=%s=' "${CARGO_HOME:-$HOME/.cargo}/registry/src" "$PWD")
 export CARGO_ENCODED_RUSTFLAGS
