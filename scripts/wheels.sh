@@ -72,7 +72,8 @@ for platform in "$@"; do
             ;;
         x86_64 | aarch64) triple=$platform-unknown-linux-gnu tag="manylinux*_$platform" options=(--zig --compatibility manylinux2014) ;;
         musl) triple=x86_64-unknown-linux-musl tag='musllinux_1_2_x86_64' options=(--zig --compatibility musllinux_1_2) ;;
-        windows) triple=x86_64-pc-windows-gnu tag=win_amd64 options=() ;;
+        # Symbols of MinGW are of no use to backtraces there.
+        windows) triple=x86_64-pc-windows-gnu tag=win_amd64 options=(--strip) ;;
     esac
     if ! ensure_target "$triple"; then
         skip "$platform" "Rust's standard library for $triple is not there, and rustup cannot bring it"
