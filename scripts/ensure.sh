@@ -133,3 +133,24 @@ ensure_solvers() {
         missing+=(none:python3-petsc4py)
     ensure_packages "${missing[@]}"
 }
+
+# ensure_wine FOLDER — MinGW, and Wine with a folder of its own in FOLDER, 0.7 GB. `$wine` runs a program of Windows;
+# Rust's want FOLDER/bcryptprimitives.dll beside them. Fails if they cannot be installed.
+ensure_wine() {
+    local folder=$1
+    wine=/usr/lib/wine/wine64
+    ensure_packages x86_64-w64-mingw32-gcc:gcc-mingw-w64-x86-64-posix $wine:wine64 || return 1
+    # Rust's standard library asks Windows for random numbers by a function that Wine has from 9 on.
+    cat >"$folder/prng.c" <<'C'
+#include <windows.h>
+#include <ntsecapi.h>
+__declspec(dllexport) BOOL WINAPI ProcessPrng(PBYTE data, SIZE_T length) { return RtlGenRandom(data, length); }
+C
+    x86_64-w64-mingw32-gcc -O2 -s -shared -o "$folder/bcryptprimitives.dll" "$folder/prng.c" -ladvapi32
+    export WINEPREFIX=$folder/wine WINEARCH=win64 WINEDEBUG=-all LC_ALL=C.UTF-8
+    export WINEDLLOVERRIDES="mscoree,mshtml=;bcryptprimitives=n,b"
+    if ! [ -d "$WINEPREFIX/drive_c/windows" ] && ! $wine wineboot -i >"$folder/wine.log" 2>&1; then
+        say "error: Wine does not start: $(tail -n3 "$folder/wine.log")"
+        exit 1
+    fi
+}

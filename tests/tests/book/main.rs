@@ -30,8 +30,8 @@ const NOT_RUN: &[(&str, &str, &str)] = &[
     ),
     (
         "README.md",
-        "pip install maturin",
-        "`./test` builds the wheel and installs it into an environment",
+        "pip install ./hemicube-0.1.0-*.whl",
+        "scripts/try-wheel installs it into an environment",
     ),
     (
         "docs/install.md",

@@ -6,7 +6,7 @@ mod readers;
 
 use hemicube_tests::readers::petsc_folder;
 use hemicube_tests::runs::{Place, Ran, command_in, finish};
-use hemicube_tests::scenes::{program, skip};
+use hemicube_tests::scenes::{program, skip, workspace};
 use readers::{Dense, calculix, elmer, energyplus, epjson, openfoam, petsc, udales, view3d, view3d_binary};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -356,6 +356,49 @@ fn rows_come_in_the_solvers_order() {
             .says(&[expected, "name each face once"]);
         assert!(!place.path("bad.dat").exists());
     }
+}
+
+/// A deck as FreeCAD writes it: two loads of one cavity, their faces in no order, two of one element. FreeCAD's
+/// `src/Mod/Fem/femsolver/calculix/write_constraint_heatflux.py` of August 2026 was read.
+const FREECAD: &str = "*Node, NSET=Nall\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, -2\n5, 0, 0, 3\n6, 2, 0, 3\n\
+    7, 0, 2, 3\n8, 0, 0, 4\n9, 5, 0, 3\n10, 8, 0, 3\n11, 5, 3, 3\n12, 5, 0, 4\n\
+    *Element, TYPE=C3D4, ELSET=Evolumes\n12, 1, 2, 3, 4\n7, 5, 6, 7, 8\n9, 9, 10, 11, 12\n*STEP\n*HEAT TRANSFER\n\
+    *RADIATE, CAVITY=cav\n** HeatFlux.Face1\n12,R1CR,-1,0.9\n12,R4CR,-1,0.9\n\
+    *RADIATE, CAVITY=cav\n** HeatFlux001.Face1\n9,R1CR,-1,0.8\n7,R1CR,-1,0.8\n*DFLUX\n9,S2,3\n*END STEP\n";
+
+#[test]
+fn the_faces_of_freecads_deck_are_a_scene_in_calculixs_order() {
+    let place = Place::new();
+    place.write("freecad.inp", FREECAD);
+    let faces = |words: &[&str]| {
+        Command::new("python3")
+            .arg(workspace().join("scripts/radiate_faces.py"))
+            .args(words)
+            .current_dir(place.path(""))
+            .output()
+            .expect("Python runs")
+    };
+    let output = faces(&["freecad.inp", "cavity.inp"]);
+    assert_eq!(output.stdout, b"4 faces of 3 elements\n", "{output:?}");
+    place.line("compute cavity.inp -o F --quiet").is(0);
+    let (areas, _) = zones(&place, "F", "face");
+    // Elements 7, 9, and of 12 the face that was named last, first.
+    assert_eq!(areas, [2.0, 4.5, 1.0, 0.5]);
+    place.line("export F --for calculix -o F.vwf").is(0);
+    assert_eq!(calculix(&read(&place, "F.vwf")).1.len(), 4);
+
+    // Of two cavities one is to be named; a deck without any is refused.
+    place.write("two.inp", FREECAD.replacen("CAVITY=cav", "CAVITY=other", 1));
+    place.write("none.inp", FREECAD.replace("CR,", ","));
+    let refused = |words: &[&str]| {
+        let output = faces(words);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        String::from_utf8(output.stderr).expect("UTF-8")
+    };
+    assert!(refused(&["two.inp", "c.inp"]).contains("name one of OTHER, CAV"));
+    assert!(refused(&["none.inp", "c.inp"]).contains("no face radiates in a cavity"));
+    assert_eq!(faces(&["two.inp", "c.inp", "cav"]).stdout, b"2 faces of 2 elements\n");
+    assert!(text(&place, "c.inp").ends_with("*SURFACE, NAME=CAVITY\n7, S1\n9, S1\n"));
 }
 
 #[test]

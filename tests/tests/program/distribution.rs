@@ -314,3 +314,103 @@ fn other_shells_take_their_completions() {
         }
     }
 }
+
+#[test]
+fn the_table_of_platforms_is_the_scripts() {
+    let output = Command::new("bash")
+        .arg(workspace().join("scripts/platforms"))
+        .arg("--table")
+        .output()
+        .expect("bash runs");
+    assert!(output.status.success(), "{}", said(&output));
+    let table = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(table.lines().count() > 5, "{table}");
+    let page = std::fs::read_to_string(workspace().join("docs/install.md")).expect("a page");
+    assert!(
+        page.ends_with(&table),
+        "docs/install.md does not end with what `scripts/platforms --table` prints:\n{table}"
+    );
+}
+
+/// A table of a file of this repository.
+fn table(path: &str) -> toml::Table {
+    let text = std::fs::read_to_string(workspace().join(path)).expect("a file");
+    text.parse()
+        .unwrap_or_else(|error| panic!("`{path}` is no TOML: {error}"))
+}
+
+#[test]
+fn the_recipe_for_conda_says_what_the_packages_say() {
+    let recipe = std::fs::read_to_string(workspace().join("recipes/conda/recipe.yaml")).expect("a recipe");
+    let (workspace, python) = (table("Cargo.toml"), table("crates/python/pyproject.toml"));
+    let text = |value: &toml::Value| value.as_str().expect("text").to_owned();
+    let package = &workspace["workspace"]["package"];
+    let (project, built_by) = (&python["project"], &python["build-system"]["requires"]);
+    // `maturin>=1.9,<2` is `maturin >=1.9,<2` there.
+    let apart = |list: &toml::Value| text(&list.as_array().expect("a list")[0]).replacen(">=", " >=", 1);
+    let runs_with = project["dependencies"].as_array().expect("a list").len();
+    let build_needs = built_by.as_array().expect("a list").len();
+    assert_eq!((runs_with, build_needs), (1, 1), "the recipe has a line for each");
+    let needs_python = format!("    - python {}", text(&project["requires-python"]));
+    for line in [
+        format!("  version: \"{}\"", text(&package["version"])),
+        format!("  license: {}", text(&package["license"])),
+        format!("    - rust >={}", text(&package["rust-version"])),
+        format!("  name: {}", text(&project["name"])),
+        format!("    - {}", apart(&project["dependencies"])),
+        format!("    - {}", apart(built_by)),
+    ] {
+        assert_eq!(
+            recipe.lines().filter(|said| *said == line).count(),
+            1,
+            "no line `{line}`"
+        );
+    }
+    // To build and to run.
+    assert_eq!(recipe.lines().filter(|said| *said == needs_python).count(), 2);
+    let summary = recipe
+        .lines()
+        .find_map(|line| line.strip_prefix("  summary: "))
+        .expect("a summary");
+    assert!(text(&project["description"]).starts_with(summary), "{summary}");
+}
+
+#[test]
+fn each_package_of_a_crate_has_its_readme_and_its_licences() {
+    let packaged = |crate_name: &str| {
+        let output = Command::new(env!("CARGO"))
+            .args(["package", "--list", "--allow-dirty", "--offline", "-p", crate_name])
+            .current_dir(workspace())
+            .output()
+            .expect("cargo runs");
+        assert!(output.status.success(), "{}", said(&output));
+        String::from_utf8(output.stdout).expect("UTF-8")
+    };
+    let mut names = Vec::new();
+    for group in ["crates", "crates/backends"] {
+        for entry in std::fs::read_dir(workspace().join(group)).expect("a folder") {
+            let manifest = entry.expect("an entry").path().join("Cargo.toml");
+            let Ok(text) = std::fs::read_to_string(&manifest) else {
+                continue;
+            };
+            let package = text.parse::<toml::Table>().expect("TOML")["package"].clone();
+            let has = |key: &str| package.get(key).is_some();
+            if package.get("publish").and_then(toml::Value::as_bool) == Some(false) {
+                continue;
+            }
+            let name = package["name"].as_str().expect("a name").to_owned();
+            for key in ["description", "license", "keywords", "categories", "rust-version"] {
+                assert!(has(key), "{name} has no `{key}`");
+            }
+            let listed = packaged(&name);
+            for file in ["README.md", "LICENSE-APACHE", "LICENSE-MIT"] {
+                assert!(
+                    listed.lines().any(|line| line == file),
+                    "{name} has no `{file}`: {listed}"
+                );
+            }
+            names.push(name);
+        }
+    }
+    assert!(names.len() > 15, "{names:?}");
+}
