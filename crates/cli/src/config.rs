@@ -694,6 +694,7 @@ mod tests {
         let others = [
             "output",
             "overwrite",
+            "update",
             "verify",
             "config",
             "print-config",
