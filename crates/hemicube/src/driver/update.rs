@@ -2,7 +2,7 @@
 //!
 //! A row depends on what its patch sees. Where surfaces were added, taken away or moved, a patch that can see none of
 //! them, neither as they were nor as they are, has the row that it had. Only what stands still may hide them, so one
-//! search serves both states ([`Screen`]). Patches that stand still have the same corners, to the bit.
+//! search serves both states (`visibility::screen`). Patches that stand still have the same corners, to the bit.
 //!
 //! The other rows are computed at the price that was found for the earlier matrix, and with its random numbers. So what
 //! did not change differs by nothing, or by rounding, and the difference of the two matrices is that of the scenes.
