@@ -413,7 +413,7 @@ impl Manifest {
         *blake3::hash(sorted(&identity).to_string().as_bytes()).as_bytes()
     }
 
-    /// [`Self::run_id`] in hexadecimal, as a matrix that takes rows over names this one.
+    /// Id of the run in hexadecimal, as a matrix that takes rows over names this one.
     pub fn run(&self) -> String {
         blake3::Hash::from_bytes(self.run_id()).to_hex().to_string()
     }
