@@ -154,7 +154,7 @@ fn to_a_thousandth() {
 
 #[test]
 fn to_a_ten_thousandth() {
-    hold_pairs("random pairs", &pairs(16, 2e-6), 1e-4, &[(AS_IT_IS, WHOLE)]);
+    hold_pairs("random pairs", &pairs(32, 2e-6), 1e-4, &[(AS_IT_IS, WHOLE)]);
 }
 
 /// The first 32 pairs, with which the method was made, and 32 kept aside.

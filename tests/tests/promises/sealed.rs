@@ -282,13 +282,6 @@ fn nothing_passes_a_closed_surface() {
 
 #[test]
 fn nothing_passes_a_closed_surface_where_each_pair_is_measured() {
-    let some: Vec<_> = scenes().into_iter().step_by(3).collect();
-    held(&some, |model| vec![("0.01 %", Rung::settled(model, 1e-4))]);
-}
-
-#[test]
-#[ignore = "minutes of processor time: ./test --full"]
-fn nothing_passes_any_closed_surface_where_each_pair_is_measured() {
     held(&scenes(), |model| vec![("0.01 %", Rung::settled(model, 1e-4))]);
 }
 

@@ -42,7 +42,7 @@ fn backs_take_what_their_fronts_would_see() {
         .enumerate()
         .map(|(k, &[a, b, c])| if is_turned(k) { [a, c, b] } else { [a, b, c] });
     let wrong = model_as_it_is(&scene_of(low.iter().copied().chain(turned)), WHOLE);
-    let exact = factors(&right, Rung::tolerance(4e-4)).expect("a backend that keeps its contract");
+    let exact = factors(&right, Rung::tolerance(1e-4)).expect("a backend that keeps its contract");
     for tolerance in [2e-2, 1e-2, 3e-3] {
         let mut tally = Tally::default();
         let most = 1.5 * tolerance;
