@@ -3,7 +3,8 @@
 //! ```text
 //! DIR/manifest.json          what it is a matrix of, how it was computed, which parts it has
 //! DIR/patches.npz            one row a patch, in input order: face, object, material, side (0 front, 1 back), area,
-//!                            centroid, normal, corners (of triangles); escaped, blocked, unselected (with the form factors, they sum to 1),
+//!                            centroid, normal, corners (of triangles), drawn_by (after an update); escaped, blocked,
+//!                            unselected (with the form factors, they sum to 1),
 //!                            row_sum, error (expected √Σ (F − true F)²), and hemicube_escaped, hemicube_blocked,
 //!                            hemicube_unselected (what the hemicubes say); NaN where no row was computed
 //! DIR/parts/part-00000.npz   format, shape, data, indices, indptr: what `scipy.sparse.load_npz` reads, a CSR block of

@@ -335,6 +335,12 @@ fn what_rows_cannot_be_taken_over_from_is_refused() {
     );
     refused("--update old --form compact", &["form", "plain", "compact"]);
     refused("--update old --by object", &["patches"]);
+    // Not even with `--overwrite` is the matrix replaced that it reads.
+    place
+        .line("compute new.obj -o ./old --update old --overwrite --config=none")
+        .is(2)
+        .says(&["old"]);
+    place.line("check old").is(0);
     place
         .line("compute old.obj -o objects --by object --config=none -q")
         .is(0);

@@ -1244,9 +1244,11 @@ fn summary(report: &Report, finished: &Finished) -> String {
         ),
     );
     if let Some(expected) = report.expected_error {
+        let typed = report.settings.tolerance;
         let asked = match report.tolerance {
-            Some(asked) if expected > asked => format!(" (asked: {}): NOT REACHED", level::asked(asked)),
-            Some(asked) => format!(" (asked: {})", level::asked(asked)),
+            // What the form's rounding leaves is to be kept; what was typed is said.
+            Some(left) if expected > left => format!(" (asked: {}): NOT REACHED", level::asked(typed.unwrap_or(left))),
+            Some(left) => format!(" (asked: {})", level::asked(typed.unwrap_or(left))),
             None => String::new(),
         };
         let sums = report.row_sum_error.map_or_else(String::new, |error| {

@@ -357,8 +357,8 @@ impl Job {
         let images = self.portals.images.as_ref();
         let of_images = grouping.as_deref().zip(images);
         let of_images = of_images.map(|(of_cell, images)| images.grouping(of_cell, model.geometry().patch_count));
-        let resolve = |calibration: &mut dyn HemicubeBackend| match (&self.update, self.accuracy) {
-            (Some(update), Asked::Tolerance(tolerance)) => Level::of_update(tolerance, policy.form, update),
+        let level = match (&self.update, self.accuracy) {
+            (Some(update), Asked::Tolerance(tolerance)) => Level::of_update(tolerance, policy.form, update)?,
             _ => Level::resolve(
                 self.accuracy,
                 model,
@@ -368,11 +368,10 @@ impl Job {
                 },
                 self.rotate,
                 policy.form,
-                calibration,
+                calibration.as_mut(),
                 execution,
-            ),
+            )?,
         };
-        let level = resolve(calibration.as_mut())?;
         drop(calibration);
         drop(stage);
 
@@ -801,6 +800,14 @@ impl<'m> Run<'m> {
             overwrite,
             shard,
         } = place;
+        if let Some(taken) = &plan.taken
+            && taken.is_from(directory)
+        {
+            return Err(StoreError::unsupported(
+                directory,
+                "is the matrix that rows are taken over from; write to another place",
+            ));
+        }
         let header = self.header(settings, &plan, scene)?;
         let grouping = plan.groups.as_ref().map(|groups| groups.grouping.as_ref());
         let mut table = PatchTable::of(scene, self.patches(&plan), grouping);

@@ -274,13 +274,6 @@ impl Plan {
         self
     }
 
-    /// The plan with rows taken over from another matrix.
-    #[must_use]
-    pub fn with_taken(mut self, taken: Option<Arc<Taken>>) -> Self {
-        self.taken = taken;
-        self
-    }
-
     /// By column of the matrix, whether it is a mirror or a pane; empty without any.
     pub(crate) fn portal_columns(&self) -> Vec<bool> {
         let Some(specular) = &self.portals.specular else {

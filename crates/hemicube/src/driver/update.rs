@@ -343,6 +343,15 @@ impl Taken {
         &self.update.numbers
     }
 
+    /// Returns whether rows are taken over from the matrix in a directory, by whatever name.
+    pub(crate) fn is_from(&self, directory: &Path) -> bool {
+        let own = self.update.store.directory();
+        match (own.canonicalize(), directory.canonicalize()) {
+            (Ok(own), Ok(other)) => own == other,
+            _ => own == directory,
+        }
+    }
+
     /// Returns whether the row of a patch is taken over.
     pub fn is_taken(&self, patch: InputPatch) -> bool {
         self.is_taken[patch.0 as usize]

@@ -126,7 +126,7 @@ impl Arguments {
         Paths::default()
             .reads(&self.scene)
             .reads(&self.config.config)
-            .reads(&self.update)
+            .store(&self.update)
             .reads(&self.portals.file())
             .makes(&self.output)
             .tells("--progress-file", &self.process.progress_file)
