@@ -124,8 +124,9 @@ impl Ran {
 struct Fixture {
     folder: TempDir,
     files: BTreeMap<String, Vec<u8>>,
-    /// Runs without options, which many lines share.
+    /// Runs without options, which many lines share, and whether a second run was the same.
     bases: Mutex<HashMap<String, Ran>>,
+    steady: Mutex<HashMap<String, bool>>,
 }
 
 fn run_in(folder: &Path, line: &str) -> (Option<i32>, String, String) {
@@ -278,6 +279,7 @@ impl Fixture {
             files: files(folder.path()),
             folder,
             bases: Mutex::default(),
+            steady: Mutex::default(),
         }
     }
 
@@ -303,6 +305,16 @@ impl Fixture {
         found
     }
 
+    /// Whether a second run is as `first`. A run that differs from itself would change with any option.
+    fn is_steady(&self, line: &str, first: &Ran) -> bool {
+        if let Some(&found) = self.steady.lock().expect("no panic").get(line) {
+            return found;
+        }
+        let found = self.run(line).is(first);
+        self.steady.lock().expect("no panic").insert(line.to_owned(), found);
+        found
+    }
+
     /// What speaks against a line of the table.
     fn fault(&self, row: &Row, helps: &BTreeMap<String, BTreeMap<String, String>>) -> Option<String> {
         let before = self.base(&row.base);
@@ -310,11 +322,7 @@ impl Fixture {
         let text = row.text();
         let kind = row.outcome.split_whitespace().next().unwrap_or_default();
         let holds = match kind {
-            "changes" => {
-                // A run that differs from itself would change with any option.
-                let is_steady = || self.run(&row.base).is(&before);
-                !after.is(&before) && matches!(after.code, Some(0 | 1)) && is_steady()
-            }
+            "changes" => !after.is(&before) && matches!(after.code, Some(0 | 1)) && self.is_steady(&row.base, &before),
             "has" => !text.is_empty() && after.has(text) && !before.has(text),
             "lacks" => !text.is_empty() && before.has(text) && !after.has(text),
             "refused" => {
