@@ -13,12 +13,13 @@ use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::Arc;
 
-/// Area of a large patch, in the scene's median areas. A choice.
-const LARGE: f64 = 64.0;
-/// Area of a surface that counts as standing on a patch, at most, in areas of the patch. A choice.
-const SMALLER: f64 = 1.0 / 16.0;
-/// Number of such surfaces for each hemicube: as many as would cover the patch.
+/// Number of surfaces on a patch for each hemicube. A choice: with fewer, large patches take more time; with more, one
+/// hemicube stands for places that see different surfaces.
 const SURFACES_PER_HEMICUBE: usize = 16;
+/// Area of a surface that counts as standing on a patch, at most, in areas of the patch: as many cover it.
+const SMALLER: f64 = 1.0 / SURFACES_PER_HEMICUBE as f64;
+/// Area of a large patch, in the scene's median areas: it has room for the surfaces of four hemicubes.
+const LARGE: f64 = 4.0 * SURFACES_PER_HEMICUBE as f64;
 /// Bound of the hemicubes along an edge.
 pub(crate) const MOST_PER_EDGE: u32 = 16;
 /// Number of surfaces at which counting ends: more would change nothing.

@@ -1,5 +1,6 @@
 //! From the accuracy asked for to an accuracy level: a correction with its pixels and hemicubes.
 
+pub use crate::accuracy::correct::DEFAULT_TOLERANCE;
 use crate::accuracy::correct::{Correction, Refinement};
 use crate::backend::HemicubeBackend;
 use crate::driver::calibrate::{Calibration, Emitters, RESOLUTION, calibrate};
@@ -28,10 +29,6 @@ pub enum Asked {
     /// A relative Frobenius error.
     Tolerance(f64),
 }
-
-/// The relative Frobenius error of a matrix that nobody asked a tolerance for. A choice: with less, runs cost more (1 %
-/// takes 1.4 times the steps, `scoreboard board`); with more, they are less exact.
-pub const DEFAULT_TOLERANCE: f64 = 0.02;
 
 impl Default for Asked {
     fn default() -> Self {

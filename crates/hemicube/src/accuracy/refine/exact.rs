@@ -40,7 +40,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 const FINEST_OF_LARGE: f64 = 1e-4;
 /// Error permitted of a pair, in tolerances: three of them are within it.
 const EACH_SHARE: f64 = 1.0 / ERRORS;
-/// Form factor below which a pair's error is relative to this instead of to the factor. A choice.
+/// Form factor below which a pair's error is relative to this instead of to the factor: part of what is promised of pairs
+/// at a fine tolerance (docs/accuracy.md), T/3 max(F, 0.01).
 const SMALL_FACTOR: f64 = 1e-2;
 /// Bound of the rays at a pair.
 const EACH_RAYS: usize = 1 << 18;
@@ -64,8 +65,8 @@ const STEPS_OF_SHADOWS: u64 = 500;
 /// weight, and may not have been drawn yet where all others agree: of a pair a hundredth as high as far apart, 4,096
 /// did, and all of its factor was wrong.
 const MOST_SHADOWS: u64 = 24;
-/// Part of a pair's closed form that the sums of its shadows may be off by rounding. A choice: a thousand roundings and
-/// more; cells come to 10⁻¹¹ where nothing is visible.
+/// Part of a pair's closed form that the sums of its shadows may be off by rounding. Measured: cells come to 10⁻¹¹ where
+/// nothing is visible; ten times that.
 const ROUNDING: f64 = 1e-10;
 /// Share of the permitted error that rays may be expected to have: theirs is no bound.
 const RAYS_SHARE: f64 = 1.0 / 3.0;
