@@ -23,6 +23,8 @@
 //! | `.ply` | mesh tools: every result a property of its face, the colours of one at faces and vertices |
 //! | `.csv`, `.npz` | tables: a line or an element a patch |
 //!
+//! [`parquet_table`] makes a Parquet file of any table of names and numbers.
+//!
 //! Patches keep the ids, the order and the orientation of the matrix. Equal stores give equal bytes: no file holds a
 //! clock. Files appear whole or not at all, and a cancelled one leaves nothing. The tests open them with SciPy, VTK,
 //! meshio, trimesh, DuckDB and Khronos's validator.
@@ -64,6 +66,7 @@ mod formats;
 mod matrix;
 mod patches;
 mod solvers;
+mod table;
 mod write;
 
 pub use faces::{Found, Grouping, Needs, PROBES, RECIPROCITY_ERROR, SUM_ERROR, Sums};
@@ -72,4 +75,5 @@ pub use matrix::{ExportOptions, ExportReport, export, export_with_sky, export_zo
 pub use patches::{Colors, Column, Legend, PatchResults, Values, scale_color};
 pub use solvers::view3d::{View3dForm, View3dHead, write_view3d};
 pub use solvers::{SolverOptions, SolverReport, Written, export_for};
+pub use table::{TableColumn, parquet_table};
 pub use write::{Error, Result, UnfitStep, WriteOptions, write_patches};

@@ -27,6 +27,9 @@ pub enum Error {
         /// The feature of `hemicube-export`.
         feature: &'static str,
     },
+    /// Columns make no table.
+    #[error("the columns make no table: {0}")]
+    Table(String),
     /// The format needs corners or colours, and none were given.
     #[error("`{}` cannot be written without {what}", path.display())]
     Missing {

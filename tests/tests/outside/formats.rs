@@ -335,6 +335,49 @@ fn duckdb_finds_every_factor() {
     });
 }
 
+/// Results by surface over moments, as their `.csv` has them: light in bands, and heat.
+#[test]
+fn duckdb_finds_every_result_of_every_moment() {
+    let Some(python) = python("formats::duckdb_finds_every_result_of_every_moment", &["duckdb"]) else {
+        return;
+    };
+    let place = yard();
+    place.write(
+        "suns.csv",
+        "time,x,y,z,direct,diffuse\nnoon,0,0,1,800,100\nlow,1,0,1,500,60\n",
+    );
+    let heat = "solve F --thermal --materials h.toml --suns suns.csv --sky-temperature 270 --by object";
+    place.write(
+        "h.toml",
+        "[default]\nemissivity = 0.9\nabsorptance = 0.6\nadiabatic = true\n",
+    );
+    for (line, file) in [
+        ("solve F --materials m.toml --suns suns.csv --by material", "light"),
+        (heat, "heat"),
+    ] {
+        place.line(&format!("{line} -o {file}.csv -o {file}.parquet")).is(0);
+        let found = read(&python, "duckdb_table", &place.path(&format!("{file}.parquet")));
+        let text = std::fs::read_to_string(place.path(&format!("{file}.csv"))).expect("a table");
+        let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let head = lines.next().expect("a head");
+        assert_eq!(found["names"], serde_json::json!(head), "{file}");
+        let types = found["types"].as_array().expect("types");
+        assert!(types[0] == "VARCHAR" && types[1] == "VARCHAR" && types[2..].iter().all(|kind| kind == "DOUBLE"));
+        let cells = |line: Vec<&str>| -> Vec<Value> {
+            let cell = |(at, cell): (usize, &str)| match at {
+                0 | 1 => Value::from(cell),
+                _ => cell.parse::<f64>().ok().map_or(Value::Null, Value::from),
+            };
+            line.into_iter().enumerate().map(cell).collect()
+        };
+        let wanted: Vec<Vec<Value>> = lines.map(cells).collect();
+        assert!(
+            wanted.len() > 4 && found["rows"] == serde_json::json!(wanted),
+            "{file}: {found}"
+        );
+    }
+}
+
 /// The matrix of both forms of a store, by a reader.
 fn parquet_is_the_store(place: &Place, reader: &dyn Fn(&Path) -> Value) {
     place

@@ -170,7 +170,7 @@ pub(crate) struct Arguments {
     /// What the solution is called in the matrix's directory [default: radiosity, or thermal]
     #[arg(long, value_name = "NAME")]
     pub(crate) solution: Option<String>,
-    /// Write the solution to FILE too (repeatable): .npz or .csv by patch; with `--by`, .csv or .json by surface
+    /// Write the solution to FILE too (repeatable): .npz or .csv by patch; .json, .parquet or, with `--by`, .csv by surface
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// What a surface is, in the table and in files by surface [default: object]
@@ -503,7 +503,7 @@ impl Arguments {
     /// Returns whether a file is written by surface: a .json, and a .csv where surfaces are asked for.
     fn is_by_surface(&self, output: &Path) -> bool {
         let ends_in = |name: &str| output.extension().is_some_and(|end| end.eq_ignore_ascii_case(name));
-        ends_in("json") || ends_in("csv") && (self.by.is_some() || self.network)
+        ends_in("json") || ends_in("parquet") || ends_in("csv") && (self.by.is_some() || self.network)
     }
 
     /// The scene that properties are taken of: the one given; the matrix's own without any file of properties.
@@ -1000,7 +1000,7 @@ impl OutputFormat {
             Some(extension) if extension == "npz" => Ok(Self::Npz),
             Some(extension) if extension == "csv" => Ok(Self::Csv),
             _ => bail!(
-                "`--output {}`: a name that ends in .npz or .csv is needed",
+                "`--output {}`: a name that ends in .npz, .csv, .json or .parquet is needed",
                 path.display()
             ),
         }
@@ -1033,9 +1033,11 @@ fn write_csv(stored: &StoredSolution, store: &Store, table: &PatchTable, record:
             );
         }
         for row in 0..array.rows() {
-            let band = &record.bands[record.band_of_row[usize::try_from(row).unwrap_or(0)]];
-            let name = match record.moments.get(usize::try_from(row).unwrap_or(usize::MAX)) {
-                Some(moment) => format!("{quantity}_{moment}"),
+            let place = usize::try_from(row).unwrap_or(usize::MAX);
+            let band = &record.bands[record.band_of_row[place]];
+            let name = match record.moments.get(place / record.bands.len()) {
+                Some(moment) if record.bands.len() == 1 => format!("{quantity}_{moment}"),
+                Some(moment) => format!("{quantity}_{band}_{moment}"),
                 None if array.rows() > record.bands.len() as u64 => format!("{quantity}_{band}_{row}"),
                 None => format!("{quantity}_{band}"),
             };

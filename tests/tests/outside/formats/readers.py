@@ -159,6 +159,13 @@ def read_duckdb(path):
     }
 
 
+def read_duckdb_table(path):
+    import duckdb
+
+    found = duckdb.sql(f"SELECT * FROM '{path}'")
+    return {"names": found.columns, "types": [str(kind) for kind in found.types], "rows": found.fetchall()}
+
+
 def read_pyarrow(path):
     import pyarrow.parquet
 

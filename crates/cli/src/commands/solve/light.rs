@@ -1,4 +1,4 @@
-//! Light by surface: a table on the terminal, `.csv` and `.json`.
+//! Light by surface: a table on the terminal, `.csv`, `.json` and `.parquet`.
 
 use super::surfaces::{Format, SURFACES_SHOWN, name_of};
 use crate::args::By;
@@ -178,12 +178,14 @@ impl Results {
     /// Writes a file.
     pub(super) fn write(&self, path: &Path) -> Result<()> {
         let cannot = || format!("`{}` cannot be written", path.display());
-        let text = match Format::of(path)? {
-            Format::Json => serde_json::to_string_pretty(self).context("the results are no JSON")? + "\n",
-            Format::Csv => self.csv(None),
+        let bytes = match Format::of(path)? {
+            Format::Json => {
+                (serde_json::to_string_pretty(self).context("the results are no JSON")? + "\n").into_bytes()
+            }
+            format => format.bytes(self.csv(None), 1)?,
         };
         let mut file = PendingFile::create(path)?;
-        file.write_all(text.as_bytes()).with_context(cannot)?;
+        file.write_all(&bytes).with_context(cannot)?;
         file.commit()
     }
 
@@ -229,24 +231,31 @@ pub(super) fn write_moments(path: &Path, names: &[String], at: impl Fn(usize) ->
     let format = Format::of(path)?;
     let mut file = PendingFile::create(path)?;
     let mut moments = Vec::new();
+    let mut text = String::new();
     for (place, moment) in names.iter().enumerate() {
         let results = at(place)?;
         match format {
             Format::Json => moments.push(Moment { moment, results }),
-            Format::Csv => {
+            Format::Csv | Format::Parquet => {
                 let lines = results.csv(Some(moment));
                 let head = if place > 0 {
                     lines.find('\n').map_or(0, |end| end + 1)
                 } else {
                     0
                 };
-                file.write_all(&lines.as_bytes()[head..]).with_context(cannot)?;
+                text.push_str(&lines[head..]);
+                if format == Format::Csv {
+                    file.write_all(text.as_bytes()).with_context(cannot)?;
+                    text.clear();
+                }
             }
         }
     }
-    if let Format::Json = format {
-        let text = serde_json::to_string_pretty(&moments).context("the results are no JSON")? + "\n";
-        file.write_all(text.as_bytes()).with_context(cannot)?;
+    if format == Format::Json {
+        text = serde_json::to_string_pretty(&moments).context("the results are no JSON")? + "\n";
+    }
+    if format != Format::Csv {
+        file.write_all(&format.bytes(text, 2)?).with_context(cannot)?;
     }
     file.commit()
 }

@@ -1,13 +1,15 @@
-//! Heat by surface: a table on the terminal, `.csv` and `.json`.
+//! Heat by surface: a table on the terminal, `.csv`, `.json` and `.parquet`.
 
 use super::moments::SURROUNDINGS;
 use crate::args::By;
 use crate::escape::shown;
+use crate::exit::hinted;
 use crate::report::{Listing, PendingFile, count, counted, five, percent, table};
 use crate::table::field;
 use anyhow::{Context, Result, bail};
 use hemicube::analysis::surfaces::{ERROR_TOLD, EnclosureError, HeatBalance, HeatError, MatrixTables, SurfaceHeat};
 use hemicube::solve::{Enclosures, Reading};
+use hemicube_export::{Error as ExportError, TableColumn, parquet_table};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -28,6 +30,7 @@ const NAMES_SHOWN: usize = 3;
 pub(super) enum Format {
     Csv,
     Json,
+    Parquet,
 }
 
 impl Format {
@@ -35,8 +38,42 @@ impl Format {
         match path.extension().map(std::ffi::OsStr::to_ascii_lowercase) {
             Some(extension) if extension == "csv" => Ok(Self::Csv),
             Some(extension) if extension == "json" => Ok(Self::Json),
-            _ => bail!("`-o {}`: a name that ends in .csv or .json is needed", path.display()),
+            Some(extension) if extension == "parquet" => Ok(Self::Parquet),
+            _ => bail!(
+                "`-o {}`: a name that ends in .csv, .json or .parquet is needed",
+                path.display()
+            ),
         }
+    }
+
+    /// The bytes of a file, of lines as they stand in a `.csv`: Parquet has the same columns, names in the first so many.
+    pub(super) fn bytes(self, lines: String, names: usize) -> Result<Vec<u8>> {
+        if self != Self::Parquet {
+            return Ok(lines.into_bytes());
+        }
+        let mut reader = csv::Reader::from_reader(lines.as_bytes());
+        let head = reader.headers().context("a table without a head")?.clone();
+        let mut columns: Vec<TableColumn> = (0..head.len())
+            .map(|at| match at < names {
+                true => TableColumn::Names(Vec::new()),
+                false => TableColumn::Numbers(Vec::new()),
+            })
+            .collect();
+        for line in reader.records() {
+            let line = line.context("a line of the table")?;
+            for (column, cell) in columns.iter_mut().zip(&line) {
+                match column {
+                    TableColumn::Names(names) => names.push(cell.to_owned()),
+                    // No number where the table has nothing.
+                    TableColumn::Numbers(numbers) => numbers.push(cell.parse().ok()),
+                }
+            }
+        }
+        let columns: Vec<(String, TableColumn)> = head.iter().map(str::to_owned).zip(columns).collect();
+        parquet_table(&columns).map_err(|error| match error {
+            ExportError::NotBuilt { .. } => hinted(error.into(), "build it with default features, or write a `.csv`"),
+            error => error.into(),
+        })
     }
 }
 
@@ -153,7 +190,8 @@ impl Moments {
     /// Writes a file: a line a surface, and of several moments a line a moment and surface.
     pub(super) fn write(&self, path: &Path) -> Result<()> {
         let cannot = || format!("`{}` cannot be written", path.display());
-        let text = match (&self.by_surface, Format::of(path)?) {
+        let format = Format::of(path)?;
+        let text = match (&self.by_surface, format) {
             (Some(results), Format::Json) => serde_json::to_string_pretty(results),
             (None, Format::Json) => {
                 #[derive(Serialize)]
@@ -166,8 +204,8 @@ impl Moments {
                 let moments: Vec<Moment<'_>> = moments.map(|(moment, results)| Moment { moment, results }).collect();
                 serde_json::to_string_pretty(&moments)
             }
-            (Some(results), Format::Csv) => Ok(results.csv(None)),
-            (None, Format::Csv) => {
+            (Some(results), _) => Ok(results.csv(None)),
+            (None, _) => {
                 Ok(self
                     .of_moments
                     .iter()
@@ -186,8 +224,9 @@ impl Moments {
         };
         let text = text.context("the results are no JSON")?;
         let end = if text.ends_with('\n') { "" } else { "\n" };
+        let bytes = format.bytes(text + end, if self.by_surface.is_some() { 1 } else { 2 })?;
         let mut file = PendingFile::create(path)?;
-        file.write_all((text + end).as_bytes()).with_context(cannot)?;
+        file.write_all(&bytes).with_context(cannot)?;
         file.commit()
     }
 }
