@@ -2,6 +2,7 @@
 //! against closed forms.
 
 use crate::heat_cases::Obj;
+use hemicube_tests::random::Random;
 use hemicube_tests::runs::Place;
 use hemicube_tests::scenes::{say, scenes_or_skip};
 use hemicube_weather::sky::Perez;
@@ -207,6 +208,22 @@ fn suns_and_sky_light_and_heat_patches_with_reflections() {
     // The floor sees the plate by F = 1 m² / 16 m² times the plate's F to it; the rest of what it sees is sky.
     let cloud = value("cloud", "floor", "irradiance");
     assert!(cloud < 100.0 && cloud > 100.0 * 15.0 / 16.0, "{cloud}");
+    // By patch and in three bands: each column names its band and its moment.
+    place.write("bands.toml", "[default]\nreflectance = [0.5, 0.4, 0.3]\n");
+    place
+        .line("solve f --materials bands.toml --suns suns.csv -o patches.csv")
+        .is(0);
+    let text = std::fs::read_to_string(place.path("patches.csv")).expect("a table");
+    let head = text.lines().next().expect("a head").split(',');
+    let found: Vec<&str> = head.filter_map(|head| head.strip_prefix("irradiance_")).collect();
+    let each = |moment| ["red", "green", "blue"].map(|band| format!("{band}_{moment}"));
+    assert_eq!(found, ["noon", "slanted", "night", "cloud"].map(each).concat());
+    // Points take light of one band.
+    place.write("points.txt", "1.5 1.5 0.4\n");
+    place
+        .line("points shaded.obj --up z --points points.txt --as sphere --suns suns.csv --solution f")
+        .is(2)
+        .says(&["12 right-hand sides", "bands = [\"all\"]"]);
 }
 
 /// Each side of a satellite in the sun, black to it: what is absorbed is what is sunlit, and an adiabatic side radiates
@@ -249,6 +266,68 @@ fn a_satellite_absorbs_what_its_sides_see_of_the_sun() {
             "{name}: {found} for {sunlit}"
         );
     }
+}
+
+/// Suns all round a satellite, half of them from below: the sunlit share of each side by 40,000 rays of the test's own.
+#[test]
+fn a_satellite_has_the_sunlit_shares_of_rays_under_every_sun() {
+    let place = Place::new();
+    let Some(cases) = scenes_or_skip("suns").map(|scenes| scenes.join("../cases/space-sun")) else {
+        return;
+    };
+    for name in ["sat.obj", "suns.txt"] {
+        std::fs::copy(cases.join(name), place.path(name)).expect("the satellite and its suns");
+    }
+    place
+        .line("sky sat.obj --up z --horizon none --suns suns.txt --by object -o suns.csv")
+        .is(0);
+    let found = cells(&std::fs::read_to_string(place.path("suns.csv")).expect("a table"));
+    let number = |text: &str| text.parse::<f64>().expect("a number");
+    // Each side is an object of one quad.
+    let (mut corners, mut quads) = (Vec::new(), Vec::new());
+    let mut name = String::new();
+    for line in std::fs::read_to_string(place.path("sat.obj")).expect("OBJ").lines() {
+        let parts: Vec<&str> = line.split_whitespace().collect();
+        match parts[..] {
+            ["o", of] => of.clone_into(&mut name),
+            ["v", x, y, z] => corners.push([x, y, z].map(number)),
+            ["f", a, b, c, d] => {
+                let at = |index: &str| corners[index.parse::<usize>().expect("a corner") - 1];
+                quads.push((name.clone(), [a, b, c, d].map(at)));
+            }
+            _ => {}
+        }
+    }
+    let triangles: Vec<_> = (quads.iter())
+        .flat_map(|(_, [a, b, c, d])| [[*a, *b, *c], [*a, *c, *d]])
+        .collect();
+    let mut random = Random(11);
+    let mut worst = (0.0, String::new());
+    let rays = 200;
+    for row in &found {
+        let along = [1, 2, 3].map(|at| number(&row[at]));
+        let (_, [a, b, _, d]) = quads.iter().find(|(name, _)| *name == row[4]).expect("a side");
+        let mut open = 0;
+        if number(&row[6]) > 0.0 {
+            for ray in 0..rays * rays {
+                // One in each of 200 × 200 cells.
+                let u = (f64::from(ray % rays) + random.unit()) / f64::from(rays);
+                let v = (f64::from(ray / rays) + random.unit()) / f64::from(rays);
+                let from = [0, 1, 2].map(|k| a[k] + u * (b[k] - a[k]) + v * (d[k] - a[k]));
+                open += u32::from(first(&triangles, from, along).is_none());
+            }
+        }
+        let exact = f64::from(open) / f64::from(rays * rays);
+        let off = (number(&row[8]) / number(&row[5]) - exact).abs();
+        if off > worst.0 {
+            worst = (off, format!("sun {}, {}: {exact}", row[0], row[4]));
+        }
+    }
+    say(&format!(
+        "sunlit shares of {} sides: at most {worst:?} off",
+        found.len()
+    ));
+    assert!(found.len() == 24 * 10 && worst.0 < 0.003, "{} {worst:?}", found.len());
 }
 
 /// A lawn and a wall that looks south, far apart: nothing but sun and sky.
@@ -705,9 +784,13 @@ fn mean_radiant_temperatures_by_day_are_those_of_rays() {
     place
         .line(
             "points shaded.obj --up z --points points.txt --as sphere --suns day.csv --solution f:light --solution f:heat \
-             --ground-temperature 290 --tolerance 0.2% -o felt.csv",
+             --ground-temperature 290 --tolerance 0.2% -o felt.csv -o felt.npz",
         )
         .is(0);
+    // Its local header and the directory at the end name each array.
+    let bytes = std::fs::read(place.path("felt.npz")).expect("arrays");
+    let name = b"mean_radiant_temperature.npy";
+    assert_eq!(bytes.windows(name.len()).filter(|window| window == name).count(), 2);
     let read = |name: &str| {
         let text = std::fs::read_to_string(place.path(name)).expect("a table");
         let head: Vec<String> = text

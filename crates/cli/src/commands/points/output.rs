@@ -644,7 +644,8 @@ impl Written<'_> {
         if self.has_normals() {
             more.push(("normals", triples(&|at| self.normal(at).unwrap_or(DVec3::NAN))));
         }
-        if self.has_heat() {
+        // Those of each moment take the place of their means.
+        if self.has_heat() && self.hours.is_none() {
             let temperatures = self.rows.iter().map(|row| row.temperature).collect();
             more.push(("mean_radiant_temperature", Table::Real(vec![count], temperatures)));
         }

@@ -117,6 +117,15 @@ impl Hours {
             let rows = usize::try_from(radiosity.rows()).unwrap_or(usize::MAX);
             let what = if is_of_heat { "heat" } else { "light" };
             if rows != suns.len() && !(is_of_heat && rows == 1) {
+                let hint = if !is_of_heat && rows.is_multiple_of(suns.len()) && rows > 0 {
+                    "its bands are several; `bands = [\"all\"]` in the file of materials makes them one".to_owned()
+                } else {
+                    format!(
+                        "`hemicube solve {} --suns {}` makes one",
+                        crate::shell::word(store.directory()),
+                        crate::shell::word(&suns.path)
+                    )
+                };
                 return Err(hinted(
                     anyhow!(
                         "the solution of {what} in `{}` has {}, and `{}` {}",
@@ -125,11 +134,7 @@ impl Hours {
                         suns.path.display(),
                         counted(suns.len() as u64, "moment")
                     ),
-                    format!(
-                        "`hemicube solve {} --suns {}` makes one",
-                        crate::shell::word(store.directory()),
-                        crate::shell::word(&suns.path)
-                    ),
+                    hint,
                 ));
             }
             // The radiosities of each right-hand side, by triangle.
