@@ -170,7 +170,7 @@ pub(crate) struct Arguments {
     /// What the solution is called in the matrix's directory [default: radiosity, or thermal]
     #[arg(long, value_name = "NAME")]
     pub(crate) solution: Option<String>,
-    /// Write the solution to FILE too (repeatable): .npz or .csv by patch; .json, .parquet or, with `--by`, .csv by surface
+    /// Write the solution to FILE (repeatable): .npz or .csv by patch; .json, .parquet or with `--by` .csv by surface
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Vec<PathBuf>,
     /// What a surface is, in the table and in files by surface [default: object]
@@ -500,7 +500,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Returns whether a file is written by surface: a .json, and a .csv where surfaces are asked for.
+    /// Returns whether a file is written by surface: a .json, a .parquet, and a .csv where surfaces are asked for.
     fn is_by_surface(&self, output: &Path) -> bool {
         let ends_in = |name: &str| output.extension().is_some_and(|end| end.eq_ignore_ascii_case(name));
         ends_in("json") || ends_in("parquet") || ends_in("csv") && (self.by.is_some() || self.network)

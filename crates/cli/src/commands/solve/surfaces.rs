@@ -46,7 +46,7 @@ impl Format {
         }
     }
 
-    /// The bytes of a file, of lines as they stand in a `.csv`: Parquet has the same columns, names in the first so many.
+    /// The bytes of a file, of the lines of a `.csv`: Parquet has the same columns, and names in the first so many.
     pub(super) fn bytes(self, lines: String, names: usize) -> Result<Vec<u8>> {
         if self != Self::Parquet {
             return Ok(lines.into_bytes());
