@@ -221,7 +221,7 @@ fn suns_and_sky_light_and_heat_patches_with_reflections() {
     // Points take light of one band.
     place.write("points.txt", "1.5 1.5 0.4\n");
     place
-        .line("points shaded.obj --up z --points points.txt --as sphere --suns suns.csv --solution f")
+        .line("points shaded.obj --up z --points points.txt --as sphere --suns suns.csv --solution f:radiosity")
         .is(2)
         .says(&["12 right-hand sides", "bands = [\"all\"]"]);
 }
