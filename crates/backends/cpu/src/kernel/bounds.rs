@@ -258,6 +258,15 @@ mod tests {
     use crate::kernel::InstructionSet;
     use hemicube_contract::delta::DeltaTable;
     use proptest::prelude::*;
+    use std::collections::BTreeMap;
+    use std::sync::LazyLock;
+
+    /// The weights of a resolution: a table of 256 pixels takes longer than a case.
+    fn table(resolution: u32) -> &'static DeltaTable {
+        static TABLES: LazyLock<BTreeMap<u32, DeltaTable>> =
+            LazyLock::new(|| [16, 128, 256].map(|side| (side, DeltaTable::new(side))).into());
+        &TABLES[&resolution]
+    }
 
     /// A frame that looks along a direction and is turned about it.
     fn frame() -> impl Strategy<Value = Frame> {
@@ -339,7 +348,7 @@ mod tests {
             }
             let side = resolution as usize;
             let frame = Frame { resolution: side, ..frame };
-            let mut canvas = OrderedCoverage::new(&DeltaTable::new(resolution), true);
+            let mut canvas = OrderedCoverage::new(table(resolution), true);
             for (x, y, size) in covered {
                 let (x, y) = (x.index(side), y.index(3 * side));
                 canvas.now.cover([x, (x + size).min(side - 1), y, (y + size).min(3 * side - 1)]);
