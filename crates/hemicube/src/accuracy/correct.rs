@@ -116,12 +116,13 @@ impl Correction {
         }
     }
 
-    /// |ΣF + non-visible shares − 1| from which on a row with these weights is inconsistent.
+    /// |ΣF + non-visible shares − 1| from which on a row with these weights is inconsistent. Where nothing escapes, the sum
+    /// is known, and no row may be off by more than T and 2 %.
     fn inconsistent_from(&self, sums: &RowSums) -> f64 {
         match self {
             Self::Pixel => f64::INFINITY,
             Self::Tolerance(_) if sums.escaped > 0 => INCONSISTENT,
-            Self::Tolerance(refinement) => refinement.tolerance.max(INCONSISTENT_IN_THE_CLOSED),
+            Self::Tolerance(refinement) => refinement.tolerance.max(DEFAULT_TOLERANCE),
         }
     }
 }
@@ -162,9 +163,6 @@ pub(crate) struct Converted {
 /// |ΣF + non-visible shares − 1| from which on a row is inconsistent, where something escapes. In the open, one hemicube
 /// is that far off about the sky now and then. A choice: with less, such rows are rendered again for nothing.
 const INCONSISTENT: f64 = 0.15;
-/// If nothing escapes, sums are known better, but no better than hemicubes know the blocked share. A choice: with less,
-/// rows of a fine tolerance are rendered again that their rays would mend.
-const INCONSISTENT_IN_THE_CLOSED: f64 = 0.01;
 /// Visible fraction from which on a patch is all visible: the rest is rounding of weights, not an occluder.
 const ALL_VISIBLE: f64 = 0.9999;
 /// Part of a sum's permitted error that form factors and shares may be off 1 before rays are asked, and that a standard

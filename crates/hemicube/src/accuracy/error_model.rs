@@ -14,18 +14,16 @@ use crate::store::ERRORS;
 use crate::visibility::shaft::RAYS;
 use glam::DVec3;
 
-/// Classes of visible fractions by a hemicube: partly visible, all visible, not visible, nearly all, hardly at all.
-pub(crate) const CLASSES: usize = 5;
+/// Classes of visible fractions by a hemicube: partly visible, all visible, not visible.
+pub(crate) const CLASSES: usize = 3;
 /// The class of patches that no hemicube sees.
 pub(crate) const UNSEEN: usize = 2;
-/// Fraction of a nearly all visible patch, at least; below 1 − 0.85, as hardly visible. A choice.
-const NEARLY: f64 = 0.85;
 /// Steps of nearness, by factors of 2 in the distance of centroids in √(r_i² + r_j²): below 2, 2 to 4, … 128 and more.
 pub(crate) const NEARNESSES: usize = 8;
 /// Groups of pairs whose errors have one cause in a row, see [`PriorCell::group`].
 pub(crate) const GROUPS: usize = CLASSES + 2;
 
-/// Mean squared errors of visible fractions from one hemicube at the centroid, by the fraction it found (five classes)
+/// Mean squared errors of visible fractions from one hemicube at the centroid, by the fraction it found (three classes)
 /// and by the distance of the two patches (eight steps).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorVariances([[f32; NEARNESSES]; CLASSES]);
@@ -38,8 +36,6 @@ impl Default for PriorVariances {
             [0.08, 0.06, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05],
             [0.02, 0.01, 0.005, 0.003, 0.002, 0.002, 0.002, 0.002],
             [0.1, 0.05, 0.02, 0.01, 0.01, 0.01, 0.01, 0.01],
-            [0.04, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02],
-            [0.08, 0.05, 0.03, 0.02, 0.02, 0.02, 0.02, 0.02],
         ])
     }
 }
@@ -102,10 +98,6 @@ pub(crate) fn class_of(fraction: f64) -> u8 {
         1
     } else if fraction <= 0.0 {
         2
-    } else if fraction >= NEARLY {
-        3
-    } else if fraction <= 1.0 - NEARLY {
-        4
     } else {
         0
     }
@@ -300,13 +292,12 @@ pub(crate) const MEASURED_FROM: f64 = 30.0;
 pub(crate) const FRACTIONS_SHARE: f64 = 0.75;
 /// Standard error of a row's sum in tolerances, at most: three of them stay within the tolerance.
 pub(crate) const ROW_SUM: f64 = 1.0 / ERRORS;
-/// Share of a row's permitted error from which on unseen pairs are looked for. A choice.
-pub(crate) const REACH: f64 = 0.3;
-/// Cost of a ray between near patches relative to a usual one. A choice below its time: `scripts/fit-error-model`
-/// prints that.
-pub(crate) const NEAR_RAY: f64 = 2.0;
-/// Cost of a ray down the tree relative to a usual one. A choice below its time: `scripts/fit-error-model` prints that.
-pub(crate) const TREE_RAY: f64 = 10.0;
+/// Share of a row's permitted error from which on unseen pairs are looked for: three such errors are permitted.
+pub(crate) const REACH: f64 = 1.0 / ERRORS;
+/// Cost of a ray between near patches relative to a usual one. `scripts/fit-error-model` measures 1.5.
+pub(crate) const NEAR_RAY: f64 = 1.5;
+/// Cost of a ray down the tree relative to a usual one. `scripts/fit-error-model` measures 11.
+pub(crate) const TREE_RAY: f64 = 11.0;
 
 #[cfg(test)]
 mod tests {

@@ -18,8 +18,8 @@ use crate::visibility::segments::Segment;
 use crate::visibility::spaces::{Spaces, cross_each_other};
 use crate::visibility::wide::WideTree;
 
-/// Number of rays that look for shares a hemicube did not see. A choice: with fewer, shares of twice the permitted error
-/// are met by none of them; with more, each row of a closed scene takes longer.
+/// Number of rays that look for shares a hemicube did not see: as many as meet a share of twice the permitted error of the
+/// default, 4 %, in 93 of 100 rows, (1 − 0.04)⁶⁴ = 0.07.
 const FIRST: usize = 64;
 /// Number of rays of a measurement at least: a standard error of 0.016.
 const LEAST: usize = 4 * FIRST;

@@ -895,8 +895,8 @@ fn inverse_area(i: f64, j: f64) -> f64 {
 
 /// Number of pairs of each class, about, at which prior variances are measured in a row.
 const PRIOR_PAIRS: f64 = 16.0;
-/// Rays at each of them, and the first of them: their difference tells what rays leave in this scene. Choices: fewer tell
-/// less, more take longer.
+/// Rays at each of them, and the first of them: their difference tells what rays leave in this scene. All of them leave
+/// n^(−5/4) / 4 ≤ 10⁻⁴ of squared error, a twentieth of the least prior variance.
 const PRIOR_RAYS: usize = 512;
 const PRIOR_FIRST_RAYS: usize = 64;
 
