@@ -12,7 +12,7 @@ use crate::grouping::PatchKind;
 use hemicube_scene::{Patches, Scene, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::Read;
 use std::path::Path;
 
@@ -715,6 +715,19 @@ impl PatchTable {
     /// Returns whether there is no patch.
     pub fn is_empty(&self) -> bool {
         self.area.is_empty()
+    }
+
+    /// By triangle of `corners`, the patch here with the same corners, to the bit. Of several in one place, the first
+    /// stands for the first, and so on.
+    pub fn partners(&self, corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Vec<Option<u32>> {
+        let key = |corners: &[[f64; 3]; 3]| corners.map(|corner| corner.map(f64::to_bits));
+        let mut places: HashMap<_, VecDeque<u32>> = HashMap::with_capacity(self.corners.len());
+        for (corners, patch) in self.corners.iter().zip(0u32..) {
+            places.entry(key(corners)).or_default().push_back(patch);
+        }
+        corners
+            .map(|corners| places.get_mut(&key(&corners)).and_then(VecDeque::pop_front))
+            .collect()
     }
 
     pub(crate) fn is_of(&self, patch_count: u32) -> bool {

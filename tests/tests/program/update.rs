@@ -10,7 +10,7 @@ use hemicube_scene::{Scene, Subdivision, generate};
 use hemicube_spatial::glam::DVec3;
 use hemicube_tests::random::Random;
 use hemicube_tests::runs::{Place, assert_same};
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -298,6 +298,132 @@ fn an_update_is_the_same_whatever_the_threads_and_goes_on_where_it_stopped() {
         .expect("a number");
     let agrees = format!("agrees with the matrix in {rows} of {rows} rows");
     assert!(sky.out.replace(',', "").contains(&agrees), "{}", sky.out);
+}
+
+/// Form factors of a store by the corners of both patches.
+fn by_corners(directory: &Path) -> HashMap<[String; 2], f64> {
+    let store = hemicube::store::Store::open(directory).expect("a store");
+    let name: Vec<String> = store
+        .patches()
+        .expect("patches")
+        .corners
+        .iter()
+        .map(|of| format!("{of:?}"))
+        .collect();
+    let entries = |row: hemicube::store::Result<(InputPatch, hemicube::store::Row)>| {
+        let (patch, row) = row.expect("a row");
+        let of =
+            |(&column, factor): (&u32, f64)| ([name[patch.0 as usize].clone(), name[column as usize].clone()], factor);
+        row.indices.iter().zip(&row.data).map(of).collect::<Vec<_>>()
+    };
+    store.rows().expect("rows").flat_map(entries).collect()
+}
+
+#[test]
+fn two_states_are_compared_over_the_patches_that_stand_in_both() {
+    let place = Place::new();
+    city(&place);
+    place.line("compute old.obj -o old --config=none -q").is(0);
+    let ran = place
+        .line("compute new.obj -o new --update old --config=none --json")
+        .is(0)
+        .json();
+    let number = |json: &serde_json::Value, name: &str| json[name].as_u64().expect("a number");
+    let update = &ran["update"];
+    assert!(
+        number(update, "rows_taken_over") > 100 && number(update, "rows_computed") > 100,
+        "{update}"
+    );
+    assert_eq!(
+        number(update, "rows_taken_over") + number(update, "rows_computed"),
+        number(&ran, "rows")
+    );
+    let said = place.line("compute new.obj -o again --update old --config=none").is(0);
+    assert!(
+        said.out.contains("taken over from `old`") && said.out.contains(" computed"),
+        "{}",
+        said.out
+    );
+
+    // The other state, by hand.
+    let (new, old) = (by_corners(&place.path("new")), by_corners(&place.path("old")));
+    let patches: HashSet<&String> = new.keys().flatten().collect();
+    let (mut squared, mut squared_old) = (0.0, 0.0);
+    for (pair, factor) in old
+        .iter()
+        .filter(|(pair, _)| pair.iter().all(|patch| patches.contains(patch)))
+    {
+        squared += (factor - new.get(pair).unwrap_or(&0.0)).powi(2);
+        squared_old += factor.powi(2);
+    }
+    squared += new
+        .iter()
+        .filter(|(pair, _)| !old.contains_key(*pair))
+        .map(|(_, factor)| factor.powi(2))
+        .sum::<f64>();
+    let found = place.line("compare new old --json").is(0).json();
+    let error = found["relative_frobenius"].as_f64().expect("a number");
+    assert!(
+        (error - (squared / squared_old).sqrt()).abs() < 1e-9 && error > 1e-3,
+        "{error}"
+    );
+    assert_eq!(found["by_corners"], true);
+    assert_eq!(number(&found, "patches_only_in_matrix"), number(update, "patches_new"));
+    assert_eq!(
+        number(&found, "patches_only_in_reference"),
+        number(update, "patches_gone")
+    );
+    place
+        .line("compare new old --max-error 1e-6")
+        .is(1)
+        .says(&["by their corners", "only in the reference", "FAILED"]);
+    assert!(place.line("compare new again").is(0).out.contains("are equal"));
+
+    // As a map: what was taken over does not differ, and rows that saw the block do.
+    place.line("compare new old -o change.csv -o change.ply").is(2);
+    place.line("compare new old -o change.csv").is(0);
+    let text = std::fs::read_to_string(place.path("change.csv")).expect("a table");
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().expect("a head");
+    let column = |name: &str| head.iter().position(|of| *of == name).expect(name);
+    let [difference, sum, escaped] = ["difference", "sum_difference", "escaped_difference"].map(column);
+    let rows: Vec<[f64; 3]> = lines
+        .map(|line| [difference, sum, escaped].map(|column| line[column].parse().expect("a number")))
+        .collect();
+    let same = rows.iter().filter(|row| row[0] == 0.0).count() as u64;
+    assert!(
+        same >= number(update, "rows_taken_over") && same < number(&ran, "rows"),
+        "{same}"
+    );
+    assert!(
+        rows.iter().any(|row| row[2] > 0.01),
+        "where a block stood, some see more of the sky"
+    );
+    place.line("compare new old -o change.ply").is(0);
+    assert!(place.path("change.ply").exists());
+    place.line("compare old new -o gone.csv").is(0);
+    let text = std::fs::read_to_string(place.path("gone.csv")).expect("a table");
+    let unknown = text
+        .lines()
+        .filter(|line| line.ends_with(",nan,nan,nan,nan") || line.ends_with(",,,,"));
+    assert_eq!(unknown.count() as u64, number(update, "patches_gone"), "{text}");
+
+    place
+        .line("compute old.obj -o cut --split 2 --correction pixel --config=none -q")
+        .is(0);
+    place
+        .line("compare cut old")
+        .is(2)
+        .says(&["none of one is where", "leave coordinates as they are"]);
+    place.line("export old -o old.mtx -q").is(0);
+    place
+        .line("compare new old.mtx")
+        .is(2)
+        .says(&["patches; compute both from the same patches"]);
+    place
+        .line("compare old.mtx old -o change.csv")
+        .is(2)
+        .says(&["does not say what its patches are"]);
 }
 
 fn assert_parts_equal(one: &Path, other: &Path) {

@@ -1,9 +1,10 @@
 //! `hemicube compare`: how far one matrix is from another.
 
+mod map;
 mod plot;
 
 use crate::args::{Report as ReportArguments, RowRange, Talk, not_negative};
-use crate::exit::Exit;
+use crate::exit::{self, Exit};
 use crate::help::examples;
 use crate::outputs::Paths;
 use crate::picture::sheet::Format;
@@ -13,6 +14,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use hemicube::analysis::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
 use hemicube::store::Matrix;
+use hemicube_export::{PatchFormat, WriteOptions, write_patches};
 use plot::Picture;
 use serde::Serialize;
 use std::io::Write;
@@ -20,9 +22,12 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "  \
   hemicube compare fast.hemicube fine.hemicube --max-error 0.02
-  hemicube compare fast.hemicube fine.hemicube -o errors.svg";
+  hemicube compare fast.hemicube fine.hemicube -o errors.svg
+  hemicube compare without.hemicube city.hemicube -o change.ply";
 
 /// Compare two matrices (stores, .npz, .mtx or .npy); the second is the reference
+///
+/// Of two states of a scene, the patches that stand in both are compared.
 #[derive(Args, Debug)]
 #[command(after_long_help = examples(EXAMPLES, false))]
 pub(crate) struct Arguments {
@@ -39,7 +44,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "A..B")]
     pub(crate) rows: Option<RowRange>,
     /// Draw how many rows have which error into FILE, beside what A expected of them if it was computed to a tolerance:
-    /// .svg or .png
+    /// .svg or .png; or write the difference of each row, on the model: .vtp, .vtu, .glb, .ply, or as a table, .csv
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
     /// Replace what is there
@@ -78,10 +83,7 @@ struct Report<'a> {
     reason = "the options are open to new fields, so no literal makes them"
 )]
 pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
-    let plot = match &arguments.output {
-        Some(file) => Some((Format::of(file)?, PendingFile::create(file)?)),
-        None => None,
-    };
+    let output = arguments.output.as_deref().map(Output::of).transpose()?;
     let json = JsonReport::asked(&arguments.report);
     report::require(&arguments.matrix)?;
     report::require(&arguments.reference)?;
@@ -91,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let bar = Bar::spinner(talk, "comparing");
     let mut rows = Vec::new();
     let found = compare_rows(&matrix, &reference, &options, |row| {
-        if plot.is_some() {
+        if output.is_some() {
             rows.push(row);
         }
     })?;
@@ -100,11 +102,21 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let ok = arguments
         .max_error
         .is_none_or(|bound| found.relative_frobenius <= bound);
-    if let Some((format, mut file)) = plot {
-        let picture = picture(&found, &rows, &matrix, arguments)?;
-        file.write_all(&plot::draw(&picture, format)?)
-            .context("the picture cannot be written")?;
-        file.commit()?;
+    match output {
+        Some(Output::Picture(format, mut file)) => {
+            let picture = picture(&found, &rows, &matrix, arguments)?;
+            file.write_all(&plot::draw(&picture, format)?)
+                .context("the picture cannot be written")?;
+            file.commit()?;
+        }
+        Some(Output::Map(format, path)) => {
+            let options = WriteOptions {
+                overwrite: arguments.overwrite,
+                cancel: exit::watch_interrupts()?,
+            };
+            write_patches(&map::of(&rows, [&matrix, &reference], format)?, path, format, options)?;
+        }
+        None => {}
     }
     if let Some(json) = json {
         json.write(&Report {
@@ -121,6 +133,23 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         report::print(&text(&found, arguments.max_error, ok))?;
     }
     Ok(if ok { Exit::Done } else { Exit::NotHeld })
+}
+
+/// What a comparison is written as.
+enum Output<'a> {
+    /// Errors of the rows, by their number.
+    Picture(Format, PendingFile),
+    /// The difference of each row, on the model.
+    Map(PatchFormat, &'a Path),
+}
+
+impl<'a> Output<'a> {
+    fn of(file: &'a Path) -> Result<Self> {
+        if let Ok(format) = PatchFormat::of(file) {
+            return Ok(Self::Map(format, file));
+        }
+        Ok(Self::Picture(Format::of(file)?, PendingFile::create(file)?))
+    }
 }
 
 /// The picture of a comparison.
@@ -164,13 +193,24 @@ fn text(found: &Comparison, bound: Option<f64>, ok: bool) -> String {
     let mut list = Listing::default();
     list.add("matrix", found.matrix.display().to_string());
     list.add("reference", found.reference.display().to_string());
-    let only = |rows: u64, of: &str| {
-        if rows > 0 {
-            format!(", {} only in the {of}", count(rows))
+    let only = |number: u64, of: &str| {
+        if number > 0 {
+            format!(", {} only in the {of}", count(number))
         } else {
             String::new()
         }
     };
+    if found.by_corners {
+        list.add(
+            "patches",
+            format!(
+                "{} in both, by their corners{}{}",
+                count(found.patch_count.into()),
+                only(found.patches_only_in_matrix.into(), "matrix"),
+                only(found.patches_only_in_reference.into(), "reference")
+            ),
+        );
+    }
     list.add(
         "rows",
         format!(

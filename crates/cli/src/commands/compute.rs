@@ -71,6 +71,9 @@ struct Report {
     rows: u64,
     rows_kept: u64,
     row_count: u64,
+    /// Rows of this run that were taken over from an earlier state of the scene, and the others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    update: Option<UpdateReport>,
     entries: u64,
     row_sum: Spread,
     escaped: f64,
@@ -124,6 +127,16 @@ struct Report {
     timings: Option<Timings>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
+}
+
+/// What a run took over from the matrix of an earlier state of the scene.
+#[derive(Default, Serialize)]
+struct UpdateReport {
+    matrix: String,
+    rows_taken_over: u64,
+    rows_computed: u64,
+    patches_gone: u64,
+    patches_new: u64,
 }
 
 /// Seconds from which the slowest row is named.
@@ -575,7 +588,9 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
 
     // From here to the last manifest an interrupt waits, so that the directory is a store afterwards.
     let guard = exit::InterruptGuard::new();
-    let begun: Vec<Begun> = outputs.iter().map(|_| Begun::new(&prepared, &run, shard)).collect();
+    let update = arguments.update.as_deref().zip(update.as_deref());
+    let begin = |_| Begun::new(&prepared, &run, shard, update);
+    let begun: Vec<Begun> = outputs.iter().map(begin).collect();
     let threads = run.threads;
     let asked = run.plan.correction.tolerance().unwrap_or(f64::INFINITY);
     let mut tallies: Vec<Tally> = outputs.iter().map(|_| Tally::new(asked)).collect();
@@ -1089,10 +1104,11 @@ struct Begun {
     backend: BackendReport,
     culling: Culling,
     shard: Option<Shard>,
+    update: Option<UpdateReport>,
 }
 
 impl Begun {
-    fn new(prepared: &Prepared, run: &Run<'_>, shard: Option<Shard>) -> Self {
+    fn new(prepared: &Prepared, run: &Run<'_>, shard: Option<Shard>, update: Option<(&Path, &Update)>) -> Self {
         let Prepared { scene, patches, .. } = prepared;
         let device = run.backend().info();
         Self {
@@ -1116,6 +1132,15 @@ impl Begun {
             },
             culling: run.render.culling,
             shard,
+            update: update.map(|(directory, update)| {
+                let [patches_gone, patches_new] = update.changed();
+                UpdateReport {
+                    matrix: directory.display().to_string(),
+                    patches_gone,
+                    patches_new,
+                    ..UpdateReport::default()
+                }
+            }),
         }
     }
 }
@@ -1159,6 +1184,11 @@ fn report_of(
         rows: tally.rows,
         rows_kept: resumed.rows,
         row_count: resumed.rows + finished.plan.wanted_rows(),
+        update: begun.update.map(|update| UpdateReport {
+            rows_taken_over: summary.taken,
+            rows_computed: summary.rows - summary.taken,
+            ..update
+        }),
         entries: tally.entries,
         row_sum: tally.row_sum(),
         escaped: tally.mean(tally.escaped),
@@ -1243,6 +1273,14 @@ fn summary(report: &Report, finished: &Finished) -> String {
             size(report.bytes)
         ),
     );
+    if let Some(update) = report.update.as_ref().filter(|_| !finished.resumed.is_complete) {
+        let [taken_over, computed] = [update.rows_taken_over, update.rows_computed].map(count);
+        let from = &update.matrix;
+        list.add(
+            "rows",
+            format!("{taken_over} taken over from `{from}`, {computed} computed"),
+        );
+    }
     if let Some(expected) = report.expected_error {
         let typed = report.settings.tolerance;
         let asked = match report.tolerance {

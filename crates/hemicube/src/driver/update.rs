@@ -16,7 +16,6 @@ use crate::visibility::screen::{Screen, Search};
 use crate::{HierarchyOptions, InputPatch};
 use glam::DVec3;
 use hemicube_scene::{Patches, Scene, Subdivision, Triangle};
-use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -57,6 +56,9 @@ pub struct Update {
 
 /// Parts that are kept for the next rows. Rows come in the order of work, which is about that of the earlier matrix.
 const PARTS_KEPT: usize = 8;
+
+/// Patches that are searched from one after the other, whatever the threads.
+const CHUNK: usize = 64;
 
 /// Settings that two states of a scene may differ in: those of its triangles, which are compared themselves, of the rows,
 /// and what was found.
@@ -279,14 +281,13 @@ impl Update {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         };
-        let chunk = patches.len().div_ceil(64 * threads).max(1);
         let mut found = vec![false; patches.len()];
-        let chunks = Mutex::new((0..patches.len()).step_by(chunk).zip(found.chunks_mut(chunk)));
+        let chunks = Mutex::new((0..patches.len()).step_by(CHUNK).zip(found.chunks_mut(CHUNK)));
         let look = || {
-            let mut search = Search::default();
             while !execution.is_cancelled() {
                 let next = chunks.lock().unwrap_or_else(PoisonError::into_inner).next();
                 let Some((start, found)) = next else { break };
+                let mut search = Search::default();
                 for (patch, found) in (start..).zip(found) {
                     let patch = InputPatch(u32::try_from(patch).unwrap_or(u32::MAX));
                     *found = has_row(patch) && screen.hides_all(patches.corners(patch), &targets, &mut search);
@@ -388,20 +389,14 @@ impl Taken {
 
 /// By patch of `patches`, its number in `table`, and the other way round: patches with the same corners to the bit.
 fn in_common(table: &PatchTable, patches: &Patches) -> (Vec<Option<u32>>, Vec<Option<u32>>) {
-    let key = |corners: &[[f64; 3]; 3]| corners.map(|corner| corner.map(f64::to_bits));
-    // Of several patches in one place, the first stands for the first, and so on.
-    let mut places: HashMap<_, VecDeque<u32>> = HashMap::with_capacity(table.len());
-    for (corners, patch) in table.corners.iter().zip(0u32..) {
-        places.entry(key(corners)).or_default().push_front(patch);
-    }
+    let corners = |patch| patches.corners(patch).map(|corner| corner.to_array());
+    let earlier = table.partners(patches.iter().map(corners));
     let mut later = vec![None; table.len()];
-    let mut find = |patch: InputPatch| {
-        let corners = patches.corners(patch).map(|corner| corner.to_array());
-        let earlier = places.get_mut(&key(&corners)).and_then(VecDeque::pop_back)?;
-        later[earlier as usize] = Some(patch.0);
-        Some(earlier)
-    };
-    let earlier = patches.iter().map(&mut find).collect();
+    for (patch, earlier) in (0..).zip(&earlier) {
+        if let Some(earlier) = earlier {
+            later[*earlier as usize] = Some(patch);
+        }
+    }
     (earlier, later)
 }
 

@@ -5,17 +5,20 @@
 //! one wall may hide one half, and another wall the other. A segment between two centroids that nothing stops ends the
 //! search: something can be seen. So does the bound of [`MOST_TESTS`] segments, in doubt for what can be seen.
 //!
+//! Most patches are hidden from the whole change by one wall, and most often by that of the patch before: a box round all
+//! targets is tried first, and the last occluders before any segment.
+//!
 //! The search is that of Teller & Séquin 1991 ("Visibility preprocessing for interactive walkthroughs") in its question,
 //! with single occluders and halving in place of portals.
 
 use crate::Model;
-use crate::bvh::{LANES, UNUSED};
+use crate::bvh::UNUSED;
 use crate::geometry::{Plane, area, bounds, centroid, cross};
 use crate::visibility::coplanar::CoplanarRegions;
-use crate::visibility::segments::{Segment, crossing};
+use crate::visibility::segments::{Segment, lanes_crossed};
 use crate::visibility::shaft::hides;
 use crate::visibility::wide::{Pending, WideTree};
-use glam::DVec3;
+use glam::{BVec3, DVec3};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -24,6 +27,8 @@ use std::sync::Arc;
 const MOST_TESTS: usize = 32;
 /// Bound of the regions on a segment that are tried as occluders. A choice, as above.
 const MOST_TRIED: usize = 16;
+/// Number of occluders kept for the next search.
+const RECENT: usize = 4;
 /// Height above its plane, in tolerances, at which a patch looks out: above surfaces that lie in its plane.
 const ABOVE: f64 = 4.0;
 /// Triangles up to which each is looked for by itself; of more, boxes are.
@@ -39,18 +44,24 @@ pub(crate) struct Screen {
 }
 
 /// What is looked for.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Targets {
     triangles: Vec<[DVec3; 3]>,
+    /// The corners of a box round all, and the smallest of the triangles.
+    hull: [DVec3; 8],
+    smallest: [DVec3; 3],
     /// Where `triangles` are the faces of boxes, the boxes. A patch outside sees something in a box only through a face.
     boxes: Vec<[DVec3; 2]>,
 }
 
-/// Storage of the search from one patch after the other.
+/// Storage of the search from one patch after the other. What was found may depend on the patches before, so where
+/// searches begin must not depend on threads.
 #[derive(Debug, Default)]
 pub(crate) struct Search {
     pending: Pending,
     crossed: Vec<u32>,
+    /// Regions that hid something, the last one first.
+    recent: VecDeque<u32>,
     /// The target that was seen last.
     seen: usize,
     halves: VecDeque<[[DVec3; 3]; 2]>,
@@ -63,22 +74,26 @@ impl Screen {
         Self { model, regions }
     }
 
-    /// Triangles in the scene's unit as [`Self::hides_all`] takes them: themselves, or the faces of boxes round them
-    /// where they are more than [`MOST_BY_THEMSELVES`].
+    /// Triangles in the scene's unit as [`Self::hides_all`] takes them, at least one: themselves, or the faces of boxes
+    /// round them where they are more than [`MOST_BY_THEMSELVES`].
     pub(crate) fn targets(&self, mut triangles: Vec<[DVec3; 3]>) -> Targets {
         for corner in triangles.as_flattened_mut() {
             *corner = self.model.normalise(*corner);
         }
-        if triangles.len() <= MOST_BY_THEMSELVES {
-            return Targets {
-                triangles,
-                boxes: Vec::new(),
-            };
-        }
         let mut boxes = Vec::new();
-        enclose(&mut triangles, BOXES, &mut boxes);
+        if triangles.len() > MOST_BY_THEMSELVES {
+            enclose(&mut triangles, BOXES, &mut boxes);
+            triangles = boxes.iter().copied().flat_map(faces).collect();
+        }
+        let mut hull = Vec::new();
+        enclose(&mut triangles, 1, &mut hull);
+        let [low, high] = hull[0];
+        let corner = |k: usize| DVec3::select(BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low);
+        let smallest = triangles.iter().copied().min_by(|a, b| area(a).total_cmp(&area(b)));
         Targets {
-            triangles: boxes.iter().copied().flat_map(faces).collect(),
+            hull: std::array::from_fn(corner),
+            smallest: smallest.unwrap_or_default(),
+            triangles,
             boxes,
         }
     }
@@ -98,6 +113,9 @@ impl Screen {
         if targets.boxes.iter().any(reaches_into) {
             return false;
         }
+        if self.hides_hull(from, &plane, targets, search) {
+            return true;
+        }
         // What the patch before saw, this one sees, too, most often.
         let (before, after) = targets.triangles.split_at(search.seen.min(targets.triangles.len()));
         let mut from_seen = after.iter().chain(before);
@@ -108,6 +126,41 @@ impl Screen {
         seen.is_none()
     }
 
+    /// Returns whether a patch sees nothing of a box round all targets. False in doubt.
+    fn hides_hull(&self, from: [DVec3; 3], plane: &Plane, targets: &Targets, search: &mut Search) -> bool {
+        let tolerance = self.regions.tree.plane_tolerance;
+        if targets.hull.iter().all(|&corner| plane.height(corner) <= tolerance) {
+            return true;
+        }
+        let small = if area(&from) < area(&targets.smallest) {
+            &from
+        } else {
+            &targets.smallest
+        };
+        let hides = self.occluder(from, targets.hull, small);
+        if search.was_hidden(&hides) {
+            return true;
+        }
+        let end = targets.hull.iter().sum::<DVec3>() / 8.0;
+        let start = centroid(&from) + plane.normal * (ABOVE * tolerance);
+        self.cross(start, end, search);
+        search.is_hidden(&hides)
+    }
+
+    /// A test of regions: whether one hides all of a triangle from all of a body.
+    fn occluder<const N: usize>(
+        &self,
+        from: [DVec3; 3],
+        to: [DVec3; N],
+        small: &[DVec3; 3],
+    ) -> impl Fn(u32) -> bool + use<'_, N> {
+        let origin = from[0];
+        let [from, small] = [&from, small].map(|triangle| triangle.map(|corner| corner - origin));
+        let to = to.map(|corner| corner - origin);
+        let tolerance = self.regions.tree.plane_tolerance;
+        move |region| hides(self.regions.corners(region), origin, &from, &to, &small, tolerance)
+    }
+
     fn hides(&self, from: [DVec3; 3], plane: &Plane, target: [DVec3; 3], search: &mut Search) -> bool {
         let tolerance = self.regions.tree.plane_tolerance;
         let mut tests = 0;
@@ -115,6 +168,10 @@ impl Screen {
         search.halves.push_back([from, target]);
         while let Some([from, to]) = search.halves.pop_front() {
             if to.iter().all(|&corner| plane.height(corner) <= tolerance) {
+                continue;
+            }
+            let hides = self.occluder(from, to, if area(&from) < area(&to) { &from } else { &to });
+            if search.was_hidden(&hides) {
                 continue;
             }
             tests += 1;
@@ -128,14 +185,7 @@ impl Screen {
                 if search.crossed.is_empty() {
                     return false;
                 }
-                let small = if area(&from) < area(&to) { &from } else { &to };
-                let origin = from[0];
-                let local = [&from, &to, small].map(|triangle| triangle.map(|corner| corner - origin));
-                let hides = |&region: &u32| {
-                    let polygon = self.regions.corners(region);
-                    hides(polygon, origin, [&local[0], &local[1]], &local[2], tolerance)
-                };
-                if search.crossed.iter().any(hides) {
+                if search.is_hidden(&hides) {
                     continue;
                 }
             }
@@ -152,17 +202,12 @@ impl Screen {
     /// Finds regions that a segment crosses, up to [`MOST_TRIED`].
     fn cross(&self, start: DVec3, end: DVec3, search: &mut Search) {
         let segment = Segment::new(start, end, self.regions.tree.plane_tolerance);
-        let (start, end, direction) = (start.to_array(), end.to_array(), (end - start).to_array());
         search.crossed.clear();
         WideTree::begin(&mut search.pending);
         while let Some(index) = self.regions.wide.next(&segment, 1.0, &mut search.pending) {
             let block = &self.regions.tree.blocks[index as usize];
-            for l in 0..LANES {
-                let region = block.negative[l];
-                if region != UNUSED
-                    && crossing(block.corners_of(l), start, end, direction).hits
-                    && !search.crossed.contains(&region)
-                {
+            for region in lanes_crossed(block, &segment).map(|l| block.negative[l]) {
+                if region != UNUSED && !search.crossed.contains(&region) {
                     search.crossed.push(region);
                 }
             }
@@ -170,6 +215,27 @@ impl Screen {
                 break;
             }
         }
+    }
+}
+
+impl Search {
+    /// Returns whether one of the last occluders hides something, and puts it first.
+    fn was_hidden(&mut self, hides: impl Fn(u32) -> bool) -> bool {
+        let found = self.recent.iter().position(|&region| hides(region));
+        if let Some(place) = found {
+            self.recent.swap(0, place);
+        }
+        found.is_some()
+    }
+
+    /// Returns whether one of the regions crossed hides something, and keeps it.
+    fn is_hidden(&mut self, hides: impl Fn(u32) -> bool) -> bool {
+        let found = self.crossed.iter().copied().find(|&region| hides(region));
+        if let Some(region) = found {
+            self.recent.push_front(region);
+            self.recent.truncate(RECENT);
+        }
+        found.is_some()
     }
 }
 

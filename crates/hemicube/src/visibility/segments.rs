@@ -244,6 +244,21 @@ fn crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64
     (mask(&hit), mask(&flat))
 }
 
+/// Mask of 16 triangles: those that a segment crosses strictly between its ends.
+#[inline(always)]
+fn hit(block: &Block, segment: &Segment) -> u16 {
+    let mut hit = [0u64; LANES];
+    for (l, hit) in hit.iter_mut().enumerate() {
+        *hit = u64::from(crossing(block.corners_of(l), segment.start, segment.end, segment.direction).hits);
+    }
+    mask(&hit)
+}
+
+/// The lanes of a block whose triangles a segment crosses strictly between its ends.
+pub(crate) fn lanes_crossed(block: &Block, segment: &Segment) -> impl Iterator<Item = usize> {
+    lanes(dispatch_hit(InstructionSet::widest(), block, segment))
+}
+
 /// Steps of the way to a block, and of its test. Measured.
 pub(crate) const STEPS_A_MET_BLOCK: u64 = 100;
 
@@ -254,6 +269,9 @@ pub(crate) fn next_block(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>)
 
 dispatch! {
     fn dispatch_next_leaf = next_leaf(tree: &Tree, segment: &Segment, pending: &mut Vec<u32>) -> Option<u32>
+}
+dispatch! {
+    fn dispatch_hit = hit(block: &Block, segment: &Segment) -> u16
 }
 dispatch! {
     fn dispatch_crossed = crossed(block: &Block, segment: &Segment, planes: &[Plane; 2], tolerance: f64) -> (u16, u16)

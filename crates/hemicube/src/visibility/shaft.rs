@@ -795,18 +795,19 @@ impl Shaft {
 /// Returns whether a region hides all of the receiver from all of the emitter.
 fn proves_occluded(polygon: &[DVec3], pair: &TrianglePair, tolerance: f64) -> bool {
     let (small, _) = pair.by_size();
-    hides(polygon, pair.origin, [&pair.emitter, &pair.receiver], small, tolerance)
+    hides(polygon, pair.origin, &pair.emitter, &pair.receiver, small, tolerance)
 }
 
-/// Returns whether a convex polygon hides all of one triangle from all of another: each segment between their corners
-/// passes it. The two are relative to `origin`, `small` is the smaller one.
+/// Returns whether a convex polygon hides all of one body from all of another, each the hull of its corners: each segment
+/// between their corners passes it. The two are relative to `origin`, `small` is the smaller one, or a triangle of it.
 ///
 /// The polygon is closed: a wall hides what lies behind it from a patch that it stands on. Corners count as in its plane,
 /// and points as on its edge, within the scene's tolerance, or a thousandth of the smaller patch where that is less.
-pub(crate) fn hides(
+pub(crate) fn hides<const N: usize>(
     polygon: &[DVec3],
     origin: DVec3,
-    [emitter, receiver]: [&[DVec3; 3]; 2],
+    emitter: &[DVec3; 3],
+    receiver: &[DVec3; N],
     small: &[DVec3; 3],
     tolerance: f64,
 ) -> bool {
@@ -815,15 +816,14 @@ pub(crate) fn hides(
     let length = normal.length();
     let tolerance = tolerance.min(PROVED_WITHIN * Sphere::of(small).radius());
     let slack = tolerance * length;
-    let heights = |t: &[DVec3; 3]| {
-        t.map(|p| normal.dot(p - first))
-            .map(|h| if h.abs() <= slack { 0.0 } else { h })
+    let height = |p: DVec3| {
+        let h = normal.dot(p - first);
+        if h.abs() <= slack { 0.0 } else { h }
     };
-    let (of_emitter, of_receiver) = (heights(emitter), heights(receiver));
-    let is_above = |heights: [f64; 3], sign: f64| {
-        heights.iter().all(|h| h * sign >= 0.0) && heights.iter().any(|h| h * sign > 0.0)
-    };
-    let is_between = |sign: f64| is_above(of_emitter, sign) && is_above(of_receiver, -sign);
+    let (of_emitter, of_receiver) = (emitter.map(height), receiver.map(height));
+    let is_above =
+        |heights: &[f64], sign: f64| heights.iter().all(|h| h * sign >= 0.0) && heights.iter().any(|h| h * sign > 0.0);
+    let is_between = |sign: f64| is_above(&of_emitter, sign) && is_above(&of_receiver, -sign);
     if !is_between(1.0) && !is_between(-1.0) {
         return false;
     }

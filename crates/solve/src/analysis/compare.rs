@@ -10,25 +10,31 @@
 //! row-sum error       |Σⱼ aᵢⱼ − Σⱼ bᵢⱼ|
 //! worst entry         largest |dᵢⱼ|
 //! ```
+//!
+//! Patches of two states of a scene are those with the same corners, to the bit: then all is over rows and columns of
+//! both. Otherwise, and where corners differ by rounding alone, patch i of one is patch i of the other.
 
-use hemicube_store::{Error, Matrix, MatrixRow, Result};
+use hemicube_store::{Error, Matrix, MatrixRow, PatchTable, Result};
 use serde::Serialize;
 use std::ops::Range;
 use std::path::PathBuf;
 
+/// Corners that are no farther apart, over the largest coordinate, are one corner: a file of f32 rounds to 6e-8 of it.
+const ROUNDING: f64 = 1e-6;
+
 /// Rows to compare.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CompareOptions {
-    /// Only these rows; all if `None`.
+    /// Only these rows of the matrix; all if `None`.
     pub rows: Option<Range<u32>>,
 }
 
 /// The entry of largest difference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct WorstEntry {
-    /// Row, an input patch.
+    /// Row, a patch of the matrix.
     pub i: u32,
-    /// Column, an input patch.
+    /// Column, a patch of the matrix.
     pub j: u32,
     /// Value in the matrix.
     pub a: f64,
@@ -56,8 +62,14 @@ pub struct Comparison {
     pub matrix: PathBuf,
     /// The reference, b.
     pub reference: PathBuf,
-    /// Rows and columns of both.
+    /// Patches of both.
     pub patch_count: u32,
+    /// True if patches are the same by their corners, false if by their numbers.
+    pub by_corners: bool,
+    /// Patches that the reference lacks.
+    pub patches_only_in_matrix: u32,
+    /// Patches that the matrix lacks.
+    pub patches_only_in_reference: u32,
     /// Rows of both. Only a store tells whether a row was computed. In a file an empty row counts as not computed,
     /// unless it is empty in both.
     pub rows_compared: u64,
@@ -90,21 +102,29 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Returns whether no entry differs, and both have the same rows.
+    /// Returns whether no entry differs, and both have the same patches and rows.
     pub fn is_equal(&self) -> bool {
-        self.worst_entry.is_none() && self.rows_only_in_matrix == 0 && self.rows_only_in_reference == 0
+        let alone = [self.patches_only_in_matrix, self.patches_only_in_reference];
+        self.worst_entry.is_none()
+            && alone == [0, 0]
+            && self.rows_only_in_matrix == 0
+            && self.rows_only_in_reference == 0
     }
 }
 
 /// Distance of one row from the reference's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowDifference {
-    /// The row, an input patch.
+    /// The row, a patch of the matrix.
     pub row: u32,
+    /// The row of the reference, a patch of that.
+    pub reference_row: u32,
     /// ‖dᵢ‖₂.
     pub distance: f64,
     /// ‖bᵢ‖₂.
     pub reference: f64,
+    /// Σⱼ dᵢⱼ.
+    pub sum: f64,
 }
 
 impl RowDifference {
@@ -122,7 +142,7 @@ fn over(part: f64, whole: f64) -> f64 {
 /// Compares `matrix` with `reference`, row by row.
 ///
 /// # Errors
-/// [`Error::Incomparable`] when their sizes differ, or they have no row in common; otherwise errors of reading.
+/// [`Error::Incomparable`] when they have no patch or no row in common; otherwise errors of reading.
 ///
 /// ```
 /// use hemicube_solve::analysis::compare::{CompareOptions, compare};
@@ -194,29 +214,17 @@ pub fn compare_rows(
             other.name()
         )));
     }
-    let (size, other) = (matrix.patch_count(), reference.patch_count());
-    if size != other {
-        return Err(incomparable(format!(
-            "they have {size} and {other} patches; compute both from the same patches"
-        )));
-    }
+    let pairs = Pairs::of(matrix, reference, incomparable)?;
+    let size = matrix.patch_count();
     let rows = options.rows.clone().unwrap_or(0..size);
     let mut tally = Tally::default();
     let mut next = rows.start;
     while next < rows.end.min(size) {
-        // Rows that cannot have entries in either are skipped.
-        let Some(row) = [matrix.next_row(next), reference.next_row(next)]
-            .into_iter()
-            .flatten()
-            .min()
-        else {
+        let Some((row, other)) = pairs.next(matrix, reference, next).filter(|&(row, _)| row < rows.end) else {
             break;
         };
-        if row >= rows.end {
-            break;
-        }
         next = row + 1;
-        let (a, b) = (matrix.row(row)?, reference.row(row)?);
+        let (a, b) = pairs.in_common(matrix.row(row)?, reference.row(other)?);
         // Only a store knows computed rows without entries.
         let has = |found: &Option<MatrixRow>, source: &Matrix| {
             found
@@ -228,7 +236,7 @@ pub fn compare_rows(
             (false, false) => {}
             (true, false) if !(is_empty(&a) && b.is_some()) => tally.rows_only_in_matrix += 1,
             (false, true) if !(is_empty(&b) && a.is_some()) => tally.rows_only_in_reference += 1,
-            _ => each(tally.add(row, &a.unwrap_or_default(), &b.unwrap_or_default())),
+            _ => each(tally.add([row, other], &a.unwrap_or_default(), &b.unwrap_or_default())),
         }
     }
     // Also when there is no row at all: nothing compared is not equal.
@@ -237,7 +245,113 @@ pub fn compare_rows(
             "they have no row in common; compute the same rows of both".to_owned(),
         ));
     }
-    Ok(tally.finish(matrix, reference))
+    Ok(tally.finish(matrix, reference, &pairs))
+}
+
+/// Which patch of the matrix is which of the reference.
+enum Pairs {
+    /// Those of one number.
+    ByNumber,
+    /// Those of the same corners.
+    ByCorners {
+        /// By patch of the matrix, that of the reference.
+        there: Vec<Option<u32>>,
+        /// By patch of the reference, that of the matrix.
+        here: Vec<Option<u32>>,
+    },
+}
+
+impl Pairs {
+    fn of(matrix: &Matrix, reference: &Matrix, incomparable: impl Fn(String) -> Error) -> Result<Self> {
+        let (size, other) = (matrix.patch_count(), reference.patch_count());
+        let table = |matrix: &Matrix| -> Result<Option<PatchTable>> {
+            let with_table = matrix.store().filter(|store| store.manifest().patches.is_some());
+            let table = with_table.map(|store| store.patches()).transpose()?;
+            Ok(table.filter(|table| !table.corners.is_empty()))
+        };
+        let mut reason = format!(
+            "they have {size} and {other} patches; compute both from the same patches, or compare stores of triangles, \
+             whose corners tell which are the same"
+        );
+        if let (Some(own), Some(table)) = (table(matrix)?, table(reference)?)
+            && !is_rounded(&own, &table)
+        {
+            let there = table.partners(own.corners.iter().copied());
+            let mut here = vec![None; table.len()];
+            for (patch, there) in (0..).zip(&there) {
+                if let Some(there) = there {
+                    here[*there as usize] = Some(patch);
+                }
+            }
+            if there.iter().any(Option::is_some) {
+                return Ok(Self::ByCorners { there, here });
+            }
+            reason = format!(
+                "they have {size} and {other} patches, and none of one is where one of the other is, to the last digit; \
+                 cut both scenes in the same way, and leave coordinates as they are"
+            );
+        }
+        if size == other {
+            Ok(Self::ByNumber)
+        } else {
+            Err(incomparable(reason))
+        }
+    }
+
+    /// The first row of both from `next` on, by its number in either. Rows of files that cannot have entries in either
+    /// are skipped.
+    fn next(&self, matrix: &Matrix, reference: &Matrix, next: u32) -> Option<(u32, u32)> {
+        match self {
+            Self::ByNumber => {
+                let rows = [matrix.next_row(next), reference.next_row(next)];
+                rows.into_iter().flatten().min().map(|row| (row, row))
+            }
+            Self::ByCorners { there, .. } => {
+                let mut pairs = (next..).zip(&there[next as usize..]);
+                pairs.find_map(|(row, other)| Some((row, (*other)?)))
+            }
+        }
+    }
+
+    /// Two rows over the patches of both, by the numbers of the matrix.
+    fn in_common(&self, a: Option<MatrixRow>, b: Option<MatrixRow>) -> (Option<MatrixRow>, Option<MatrixRow>) {
+        let Self::ByCorners { there, here } = self else {
+            return (a, b);
+        };
+        let kept = |row: MatrixRow, of: &dyn Fn(u32) -> Option<u32>| {
+            let entries = row.columns.into_iter().zip(row.values);
+            let mut entries: Vec<(u32, f64)> = entries
+                .filter_map(|(column, value)| Some((of(column)?, value)))
+                .collect();
+            entries.sort_unstable_by_key(|&(column, _)| column);
+            let (columns, values) = entries.into_iter().unzip();
+            MatrixRow { columns, values }
+        };
+        let own = |column: u32| there[column as usize].map(|_| column);
+        let other = |column: u32| here[column as usize];
+        (a.map(|row| kept(row, &own)), b.map(|row| kept(row, &other)))
+    }
+
+    /// Patches that only the matrix has, and that only the reference has.
+    fn alone(&self) -> [u32; 2] {
+        let Self::ByCorners { there, here } = self else {
+            return [0, 0];
+        };
+        let alone = |of: &[Option<u32>]| of.iter().map(|other| u32::from(other.is_none())).sum();
+        [alone(there), alone(here)]
+    }
+}
+
+/// Returns whether two tables have the same corners in the same order, but for rounding.
+fn is_rounded(a: &PatchTable, b: &PatchTable) -> bool {
+    let (a, b) = (
+        a.corners.as_flattened().as_flattened(),
+        b.corners.as_flattened().as_flattened(),
+    );
+    let largest = a
+        .iter()
+        .fold(0.0, |largest: f64, coordinate| largest.max(coordinate.abs()));
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ROUNDING * largest)
 }
 
 #[derive(Debug, Default)]
@@ -260,7 +374,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, i: u32, a: &MatrixRow, b: &MatrixRow) -> RowDifference {
+    fn add(&mut self, [i, other]: [u32; 2], a: &MatrixRow, b: &MatrixRow) -> RowDifference {
         self.rows_compared += 1;
         self.entries.0 += a.columns.len() as u64;
         self.entries.1 += b.columns.len() as u64;
@@ -299,16 +413,22 @@ impl Tally {
         }
         RowDifference {
             row: i,
+            reference_row: other,
             distance: squared.sqrt(),
             reference: squared_b.sqrt(),
+            sum: sum_a - sum_b,
         }
     }
 
-    fn finish(self, matrix: &Matrix, reference: &Matrix) -> Comparison {
+    fn finish(self, matrix: &Matrix, reference: &Matrix, pairs: &Pairs) -> Comparison {
+        let [patches_only_in_matrix, patches_only_in_reference] = pairs.alone();
         Comparison {
             matrix: matrix.path().to_owned(),
             reference: reference.path().to_owned(),
-            patch_count: matrix.patch_count(),
+            patch_count: matrix.patch_count() - patches_only_in_matrix,
+            by_corners: matches!(pairs, Pairs::ByCorners { .. }),
+            patches_only_in_matrix,
+            patches_only_in_reference,
             rows_compared: self.rows_compared,
             rows_only_in_matrix: self.rows_only_in_matrix,
             rows_only_in_reference: self.rows_only_in_reference,
@@ -484,6 +604,78 @@ mod tests {
         assert_eq!(rows[2].1, 0.0);
         let one_row = compare(&a, &b, &CompareOptions { rows: Some(2..3) }).unwrap();
         assert_eq!((one_row.rows_compared, one_row.relative_frobenius), (1, 0.0));
+    }
+
+    mod room {
+        include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs"));
+    }
+
+    /// A store of the room whose patches are where these triangles are.
+    fn placed(directory: &Path, off: f64, places: [f64; 6]) -> Matrix {
+        let table = PatchTable {
+            corners: places.map(|x| [[x, 0.0, 0.0], [x, 1.0, 0.0], [x, 0.0, 1.0]]).to_vec(),
+            ..room::table()
+        };
+        let mut writer = hemicube_store::StoreWriter::create(directory, room::header(), &table, false).unwrap();
+        for part in room::parts(off) {
+            writer.write_part(&part).unwrap();
+        }
+        writer.finish().unwrap();
+        Matrix::open(directory).unwrap()
+    }
+
+    #[test]
+    fn two_states_of_a_scene_are_compared_over_the_patches_of_both() {
+        let directory = tempfile::tempdir().unwrap();
+        let place = |name: &str| directory.path().join(name);
+        let a = placed(&place("a"), 0.05, [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+        // Two change places, and one is another.
+        let b = placed(&place("b"), 0.0, [2.0, 1.0, 0.0, 3.0, 4.0, 7.0]);
+        let dense = |matrix: &Matrix| {
+            [0, 1, 2, 3, 4, 5].map(|row| {
+                let (row, mut of) = (matrix.row(row).unwrap().unwrap(), [0.0; 6]);
+                row.columns
+                    .iter()
+                    .zip(&row.values)
+                    .for_each(|(&j, &value)| of[j as usize] = value);
+                of
+            })
+        };
+        let (of_a, of_b, partner) = (dense(&a), dense(&b), [2, 1, 0, 3, 4]);
+        let (mut squared, mut squared_b) = (0.0, 0.0);
+        for i in 0..5 {
+            for j in 0..5 {
+                let reference: f64 = of_b[partner[i]][partner[j]];
+                squared += (of_a[i][j] - reference).powi(2);
+                squared_b += reference.powi(2);
+            }
+        }
+        let mut rows = Vec::new();
+        let found = compare_rows(&a, &b, &CompareOptions::default(), |row| rows.push(row)).unwrap();
+        assert!(found.by_corners && !found.is_equal());
+        let counts = [
+            found.patch_count,
+            found.patches_only_in_matrix,
+            found.patches_only_in_reference,
+        ];
+        assert_eq!((counts, found.rows_compared), ([5, 1, 1], 5));
+        assert!((found.relative_frobenius - (squared / squared_b).sqrt()).abs() < 1e-12 && squared > 1e-4);
+        let numbers: Vec<_> = rows.iter().map(|row| (row.row, row.reference_row as usize)).collect();
+        assert_eq!(numbers, [(0, 2), (1, 1), (2, 0), (3, 3), (4, 4)]);
+        let sum = |row: &[f64; 6]| row[..5].iter().sum::<f64>();
+        assert!((rows[0].sum - (sum(&of_a[0]) - sum(&of_b[2]))).abs() < 1e-12);
+
+        // Corners that are rounded, and those of another frame, are matched by number.
+        for (name, places) in [("rounded", 1.0 + 1e-8), ("elsewhere", 1.5)] {
+            let c = placed(
+                &place(name),
+                0.05,
+                [0.1, 1.0, 2.0, 3.0, 4.0, 5.0].map(|x| x * places + (places - 1.0)),
+            );
+            let d = placed(&place(&format!("{name} 2")), 0.05, [0.1, 1.0, 2.0, 3.0, 4.0, 5.0]);
+            let found = compare(&c, &d, &CompareOptions::default()).unwrap();
+            assert!(!found.by_corners && found.is_equal(), "{name}");
+        }
     }
 
     #[test]
