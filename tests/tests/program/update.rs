@@ -421,7 +421,7 @@ fn two_states_are_compared_over_the_patches_that_stand_in_both() {
         .is(2)
         .says(&["patches; compute both from the same patches"]);
     place
-        .line("compare old.mtx old -o change.csv")
+        .line("compare old.mtx old -o unknown.csv")
         .is(2)
         .says(&["does not say what its patches are"]);
 }

@@ -670,7 +670,7 @@ mod tests {
             let c = placed(
                 &place(name),
                 0.05,
-                [0.1, 1.0, 2.0, 3.0, 4.0, 5.0].map(|x| x * places + (places - 1.0)),
+                [0.1, 1.0, 2.0, 3.0, 4.0, 5.0].map(|x| x * places + 0.5 * (places - 1.0)),
             );
             let d = placed(&place(&format!("{name} 2")), 0.05, [0.1, 1.0, 2.0, 3.0, 4.0, 5.0]);
             let found = compare(&c, &d, &CompareOptions::default()).unwrap();
