@@ -16,8 +16,8 @@ use hemicube::store::{Matrix, Store};
 use hemicube_export::{Colors, PatchFormat, PatchResults};
 use hemicube_scene::Axis;
 
-/// What colours show.
-const SHOWN: &str = "relative_difference";
+/// What colours show: not the relative difference, which is largest where there was next to nothing.
+const SHOWN: &str = "difference";
 
 /// The columns of a comparison's rows.
 ///
@@ -47,8 +47,8 @@ pub(super) fn of(
     };
     let finite = |value: f64| if value.is_finite() { value } else { f64::NAN };
     let mut columns = vec![
-        ("difference", by_patch(&|row| row.distance)),
-        (SHOWN, by_patch(&|row| finite(row.relative()))),
+        (SHOWN, by_patch(&|row| row.distance)),
+        ("relative_difference", by_patch(&|row| finite(row.relative()))),
         ("sum_difference", by_patch(&|row| row.sum)),
     ];
     if let [Some(own), Some(other)] = [escaped(Some(store))?, escaped(reference.store())?] {
