@@ -8,6 +8,10 @@
 //! Most patches are hidden from the whole change by one wall, and most often by that of the patch before: a box round all
 //! targets is tried first, and the last occluders before any segment.
 //!
+//! No one bound for all targets, searched side by side, because at like rows it takes longer (the tallest tower of
+//! `denhaag-8897` goes: 7.4 s of the processor for 7.1 s); by 256 segments 42 % of the rows are left in place of 45 %, and
+//! the search takes more than they would (8.3 s).
+//!
 //! The search is that of Teller & Séquin 1991 ("Visibility preprocessing for interactive walkthroughs") in its question,
 //! with single occluders and halving in place of portals.
 
