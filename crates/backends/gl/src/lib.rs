@@ -28,6 +28,7 @@ use hemicube_contract::backend::{
 };
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
+use hemicube_shaders::Draw;
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded};
 use options::Options;
 use render::{Programs, Scene};
@@ -115,7 +116,7 @@ impl Session {
         };
         let info = BackendInfo {
             name: "gl".to_owned(),
-            version: session::version(options.edges),
+            version: session::version(Draw::Raster, options.edges),
             device: device.name.clone(),
             capabilities: capabilities(options.dense()),
             preferred_rows: PREFERRED_ROWS,

@@ -17,7 +17,7 @@ use hemicube_shaders::output::unculled_triangles;
 use hemicube_shaders::recording::{compute_stages, identify};
 use hemicube_shaders::stage::{self, Stage, binding};
 use hemicube_shaders::view::{FACES, FIRST_STAMP, VIEW_BYTES, stands_on_emitter};
-use hemicube_shaders::{Edges, Limits, Plan, Upload};
+use hemicube_shaders::{Draw, Edges, Limits, Plan, Upload};
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
@@ -49,7 +49,7 @@ impl Programs {
             )
         };
         let [ids, ids_of_others] = identify(edges);
-        let stages = compute_stages(edges, &[false]).into_iter();
+        let stages = compute_stages(Draw::Raster, edges, &[false]).into_iter();
         let compute = stages.map(|stage| Ok((stage.entry, compute(stage)?)));
         Ok(Self {
             depths: [
@@ -379,5 +379,6 @@ fn limits(device: &Device, options: &Options) -> Limits {
         batch,
         copies_depths: false,
         edges: options.edges,
+        draw: Draw::Raster,
     }
 }

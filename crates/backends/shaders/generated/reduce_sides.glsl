@@ -62,6 +62,17 @@ struct Chunk {
     vec3 half_sides;
     uint unused;
 };
+struct Axes {
+    vec3 right;
+    vec3 up;
+    vec3 forward;
+    bool is_top;
+};
+struct Outline {
+    vec3 corners[3];
+    vec3 sides[3];
+    float volume;
+};
 struct Triangle {
     vec3 places[3];
     vec3 sides[3];
@@ -78,13 +89,13 @@ layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_
 
 layout(binding = 11) uniform usampler2DArray _group_1_binding_11_cs;
 
-layout(std430, binding = 12) readonly buffer type_8_block_2Compute { uint _group_1_binding_12_cs[]; };
+layout(std430, binding = 12) readonly buffer type_10_block_2Compute { uint _group_1_binding_12_cs[]; };
 
-layout(std430, binding = 26) buffer type_10_block_3Compute { uint _group_1_binding_26_cs[]; };
+layout(std430, binding = 26) buffer type_12_block_3Compute { uint _group_1_binding_26_cs[]; };
 
-layout(std430, binding = 27) buffer type_8_block_4Compute { uint _group_1_binding_27_cs[]; };
+layout(std430, binding = 27) buffer type_10_block_4Compute { uint _group_1_binding_27_cs[]; };
 
-layout(std430, binding = 28) buffer type_10_block_5Compute { uint _group_1_binding_28_cs[]; };
+layout(std430, binding = 28) buffer type_12_block_5Compute { uint _group_1_binding_28_cs[]; };
 
 
 vec3 relative(View v, vec3 high, vec3 low) {
@@ -112,14 +123,14 @@ vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
 
 vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
     vec3 _e4 = relative(v_4, high_2, low_2);
-    float height = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    float height_1 = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
     vec3 n = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
     vec3 _e59 = on_face(v_4, n);
     vec3 q_1 = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
     float up = (0.25 * (q_1.y + q_1.z));
     vec3 coefficients = ((v_4.face == 0u) ? q_1 : vec3(q_1.x, up, (up + q_1.z)));
-    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height));
-    return vec4((coefficients * (v_4.near / height)), error);
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height_1));
+    return vec4((coefficients * (v_4.near / height_1)), error);
 }
 
 float depth_of(View v_5, vec4 plane, vec4 position) {
@@ -132,6 +143,96 @@ float depth_of(View v_5, vec4 plane, vec4 position) {
 
 float behind(vec4 plane_1, float depth) {
     return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
+}
+
+float dot_fused(vec3 a, vec3 b) {
+    return fma(a.x, b.x, fma(a.y, b.y, (a.z * b.z)));
+}
+
+vec3 cross_fused(vec3 a_1, vec3 b_1) {
+    return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
+}
+
+vec3 high_of(Vertex c) {
+    return vec3(c.high_x, c.high_y, c.high_z);
+}
+
+vec3 low_of(Vertex c_1) {
+    return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
+}
+
+float side_of(vec3 edge, vec3 direction) {
+    float _e2 = dot_fused(edge, direction);
+    float first_1 = ((edge.x != 0.0) ? edge.x : ((edge.y != 0.0) ? edge.y : edge.z));
+    return ((_e2 == 0.0) ? first_1 : _e2);
+}
+
+Axes axes_of(View v_6) {
+    bool is_top = (v_6.face == 0u);
+    vec3 up_1 = (is_top ? v_6.clip_y : (0.5 * (v_6.clip_y + v_6.clip_w)));
+    return Axes((((v_6.clip_x.x * v_6.tangent) + (v_6.clip_x.y * v_6.bitangent)) + (v_6.clip_x.z * v_6.normal)), (((up_1.x * v_6.tangent) + (up_1.y * v_6.bitangent)) + (up_1.z * v_6.normal)), (((v_6.clip_w.x * v_6.tangent) + (v_6.clip_w.y * v_6.bitangent)) + (v_6.clip_w.z * v_6.normal)), is_top);
+}
+
+vec3 along(Axes a_2, vec3 d_1) {
+    float _e3 = dot_fused(a_2.right, d_1);
+    float _e5 = dot_fused(a_2.up, d_1);
+    float _e7 = dot_fused(a_2.forward, d_1);
+    return vec3(_e3, _e5, _e7);
+}
+
+float height_of(Axes a_3, vec3 p_2) {
+    return (a_3.is_top ? p_2.z : p_2.y);
+}
+
+vec3 with_height(Axes a_4, vec3 p_3, float height) {
+    return (a_4.is_top ? vec3(p_3.xy, height) : vec3(p_3.x, height, p_3.z));
+}
+
+vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
+    vec3 _e3 = high_of(c_2);
+    vec3 _e6 = low_of(c_2);
+    vec3 _e10 = along(a_5, ((_e3 - v_7.eye_high) + (_e6 - v_7.eye_low)));
+    float _e11 = height_of(a_5, _e10);
+    float snap_1 = fma((abs(_e10.x) + abs((a_5.is_top ? _e10.y : _e10.z))), 9.536743e-7, v_7.tolerance);
+    vec3 _e27 = with_height(a_5, _e10, ((abs(_e11) <= snap_1) ? 0.0 : _e11));
+    return _e27;
+}
+
+vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
+    bool local_6 = false;
+    vec3 _e5 = high_of(d_2);
+    vec3 _e6 = high_of(c_3);
+    vec3 _e8 = low_of(d_2);
+    vec3 _e9 = low_of(c_3);
+    vec3 _e12 = along(a_6, ((_e5 - _e6) + (_e8 - _e9)));
+    float _e13 = height_of(a_6, from_place);
+    float _e14 = height_of(a_6, to_place);
+    float _e15 = height_of(a_6, _e12);
+    if (!((_e13 == 0.0))) {
+        local_6 = (_e14 == 0.0);
+    } else {
+        local_6 = true;
+    }
+    bool _e25 = local_6;
+    vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
+    return _e27;
+}
+
+Outline outline(View v_8, Axes axes, Vertex a_7, Vertex b_2, Vertex c_4) {
+    vec3 _e5 = corner_on(v_8, axes, a_7);
+    vec3 _e6 = corner_on(v_8, axes, b_2);
+    vec3 _e7 = corner_on(v_8, axes, c_4);
+    vec3 _e8 = side_on(axes, a_7, b_2, _e5, _e6);
+    vec3 _e9 = side_on(axes, b_2, c_4, _e6, _e7);
+    vec3 _e10 = side_on(axes, c_4, a_7, _e7, _e5);
+    vec3 _e11 = cross_fused(_e8, _e9);
+    float _e12 = dot_fused(_e11, _e5);
+    float turn = ((_e12 > 0.0) ? 1.0 : -1.0);
+    vec3 _e19 = cross_fused((_e5 + _e6), _e8);
+    vec3 _e22 = cross_fused((_e6 + _e7), _e9);
+    vec3 _e25 = cross_fused((_e7 + _e5), _e10);
+    vec3 sides_1[3] = vec3[3]((turn * _e19), (turn * _e22), (turn * _e25));
+    return Outline(vec3[3](_e5, _e6, _e7), sides_1, _e12);
 }
 
 uint pixel_count() {
@@ -176,15 +277,15 @@ uint visible_at(uint layer_5, uint id) {
 }
 
 void add_side(uint layer_7, uint id_2, uint weight) {
-    bool local_6 = false;
+    bool local_7 = false;
     uint _e7 = _group_1_binding_1_cs.patch_count;
     uint _e14 = atomicAdd(_group_1_binding_28_cs[((layer_7 * ((2u * _e7) + 2u)) + id_2)], weight);
     if ((_e14 == 0u)) {
-        local_6 = (weight > 0u);
+        local_7 = (weight > 0u);
     } else {
-        local_6 = false;
+        local_7 = false;
     }
-    bool _e22 = local_6;
+    bool _e22 = local_7;
     if (_e22) {
         uint _e24 = shown_base(layer_7);
         uint _e26 = shown_count(layer_7);
@@ -196,69 +297,53 @@ void add_side(uint layer_7, uint id_2, uint weight) {
     }
 }
 
-float dot_fused(vec3 a, vec3 b) {
-    return fma(a.x, b.x, fma(a.y, b.y, (a.z * b.z)));
-}
-
-vec3 cross_fused(vec3 a_1, vec3 b_1) {
-    return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
-}
-
-vec3 turned(View v_6, vec3 d_1) {
-    float _e3 = dot_fused(v_6.tangent, d_1);
-    float _e5 = dot_fused(v_6.bitangent, d_1);
-    float _e7 = dot_fused(v_6.normal, d_1);
+vec3 turned(View v_9, vec3 d_3) {
+    float _e3 = dot_fused(v_9.tangent, d_3);
+    float _e5 = dot_fused(v_9.bitangent, d_3);
+    float _e7 = dot_fused(v_9.normal, d_3);
     return vec3(_e3, _e5, _e7);
 }
 
-vec3 high_of(Vertex c) {
-    return vec3(c.high_x, c.high_y, c.high_z);
+vec3 placed(View v_10, Vertex c_5) {
+    vec3 _e2 = high_of(c_5);
+    vec3 _e5 = low_of(c_5);
+    vec3 _e9 = turned(v_10, ((_e2 - v_10.eye_high) + (_e5 - v_10.eye_low)));
+    float snap_2 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_10.tolerance);
+    return vec3(_e9.xy, ((abs(_e9.z) <= snap_2) ? 0.0 : _e9.z));
 }
 
-vec3 low_of(Vertex c_1) {
-    return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
-}
-
-vec3 placed(View v_7, Vertex c_2) {
-    vec3 _e2 = high_of(c_2);
-    vec3 _e5 = low_of(c_2);
-    vec3 _e9 = turned(v_7, ((_e2 - v_7.eye_high) + (_e5 - v_7.eye_low)));
-    float snap_1 = fma((abs(_e9.x) + abs(_e9.y)), 9.536743e-7, v_7.tolerance);
-    return vec3(_e9.xy, ((abs(_e9.z) <= snap_1) ? 0.0 : _e9.z));
-}
-
-vec3 between(View v_8, Vertex from_corner, Vertex to_corner, vec3 from_place, vec3 to_place) {
-    bool local_7 = false;
+vec3 between(View v_11, Vertex from_corner, Vertex to_corner, vec3 from_place_1, vec3 to_place_1) {
+    bool local_8 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
-    vec3 _e12 = turned(v_8, ((_e5 - _e6) + (_e8 - _e9)));
-    if (!((from_place.z == 0.0))) {
-        local_7 = (to_place.z == 0.0);
+    vec3 _e12 = turned(v_11, ((_e5 - _e6) + (_e8 - _e9)));
+    if (!((from_place_1.z == 0.0))) {
+        local_8 = (to_place_1.z == 0.0);
     } else {
-        local_7 = true;
+        local_8 = true;
     }
-    bool _e28 = local_7;
-    return vec3(_e12.xy, (_e28 ? (to_place.z - from_place.z) : _e12.z));
+    bool _e28 = local_8;
+    return vec3(_e12.xy, (_e28 ? (to_place_1.z - from_place_1.z) : _e12.z));
 }
 
-vec3 to_face(uint face_1, vec3 p_2) {
+vec3 to_face(uint face_1, vec3 p_4) {
     switch(face_1) {
         case 0u: {
-            return p_2;
+            return p_4;
         }
         case 1u: {
-            return p_2.yzx;
+            return p_4.yzx;
         }
         case 2u: {
-            return vec3(-(p_2.y), p_2.z, -(p_2.x));
+            return vec3(-(p_4.y), p_4.z, -(p_4.x));
         }
         case 3u: {
-            return vec3(-(p_2.x), p_2.z, p_2.y);
+            return vec3(-(p_4.x), p_4.z, p_4.y);
         }
         default: {
-            return vec3(p_2.x, p_2.z, -(p_2.y));
+            return vec3(p_4.x, p_4.z, -(p_4.y));
         }
     }
 }
@@ -271,27 +356,21 @@ uint face_of_row(uint row) {
 vec3 centre(uint face_2, uvec2 at_1) {
     uint n_2 = _group_1_binding_1_cs.resolution;
     uint first_row = ((face_2 == 0u) ? 0u : (n_2 + ((face_2 - 1u) * (n_2 / 2u))));
-    uint up_1 = ((2u * (at_1.y - first_row)) + 1u);
-    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up_1)) - ivec2(uvec2(n_2, ((face_2 == 0u) ? n_2 : 0u))));
+    uint up_2 = ((2u * (at_1.y - first_row)) + 1u);
+    ivec2 from_middle = (ivec2(uvec2(((2u * at_1.x) + 1u), up_2)) - ivec2(uvec2(n_2, ((face_2 == 0u) ? n_2 : 0u))));
     return vec3(vec2(from_middle), float(n_2));
 }
 
-float side_of(vec3 edge, vec3 direction) {
-    float _e2 = dot_fused(edge, direction);
-    float first_1 = ((edge.x != 0.0) ? edge.x : ((edge.y != 0.0) ? edge.y : edge.z));
-    return ((_e2 == 0.0) ? first_1 : _e2);
-}
-
-vec4 within(uint face_4, vec3 p_3) {
+vec4 within(uint face_4, vec3 p_5) {
     uint _e4 = _group_1_binding_1_cs.resolution;
     float pixel = (2.0 / float(_e4));
-    float wide = ((1.0 + pixel) * p_3.z);
-    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_3.z);
-    return vec4((wide - p_3.x), (wide + p_3.x), (wide - p_3.y), (below + p_3.y));
+    float wide = ((1.0 + pixel) * p_5.z);
+    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
+    return vec4((wide - p_5.x), (wide + p_5.x), (wide - p_5.y), (below + p_5.y));
 }
 
-bool is_outside(uint face_5, vec3 p_4, vec3 q) {
-    vec3 _e3 = to_face(face_5, p_4);
+bool is_outside(uint face_5, vec3 p_6, vec3 q) {
+    vec3 _e3 = to_face(face_5, p_6);
     vec4 _e4 = within(face_5, _e3);
     vec3 _e8 = to_face(face_5, q);
     vec4 _e9 = within(face_5, _e8);
@@ -299,14 +378,14 @@ bool is_outside(uint face_5, vec3 p_4, vec3 q) {
 }
 
 void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
-    bool local_10 = false;
     bool local_11 = false;
+    bool local_12 = false;
     float major = 0.0;
     float last = 0.0;
     float minor = 0.0;
-    bool local_12 = false;
     bool local_13 = false;
     bool local_14 = false;
+    bool local_15 = false;
     uint _e6 = _group_1_binding_1_cs.resolution;
     float n_3 = float(_e6);
     vec3 _e8 = to_face(face_6, from_frame);
@@ -318,23 +397,23 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
     vec4 ends = mix(vec4(1.0), crossing, lessThan(_e12, vec4(0.0)));
     float begin = max(max(begins.x, begins.y), max(begins.z, begins.w));
     float end_1 = min(min(ends.x, ends.y), min(ends.z, ends.w));
-    vec3 a_2 = (_e8 + (begin * _e9));
-    vec3 b_2 = (_e8 + (end_1 * _e9));
+    vec3 a_8 = (_e8 + (begin * _e9));
+    vec3 b_3 = (_e8 + (end_1 * _e9));
     if ((begin < end_1)) {
-        local_10 = (a_2.z > 0.0);
-    } else {
-        local_10 = false;
-    }
-    bool _e52 = local_10;
-    if (_e52) {
-        local_11 = (b_2.z > 0.0);
+        local_11 = (a_8.z > 0.0);
     } else {
         local_11 = false;
     }
-    bool is_seen = local_11;
+    bool _e52 = local_11;
+    if (_e52) {
+        local_12 = (b_3.z > 0.0);
+    } else {
+        local_12 = false;
+    }
+    bool is_seen = local_12;
     vec2 shift = ((vec2(n_3, ((face_6 == 0u) ? n_3 : 0.0)) * 0.5) - vec2(0.5));
-    vec2 from_pixel = (((a_2.xy / vec2(a_2.z)) * (0.5 * n_3)) + shift);
-    vec2 to_pixel = (((b_2.xy / vec2(b_2.z)) * (0.5 * n_3)) + shift);
+    vec2 from_pixel = (((a_8.xy / vec2(a_8.z)) * (0.5 * n_3)) + shift);
+    vec2 to_pixel = (((b_3.xy / vec2(b_3.z)) * (0.5 * n_3)) + shift);
     vec2 reach = abs((to_pixel - from_pixel));
     bool is_steep = (reach.y > reach.x);
     vec3 e = cross(_e8, _e9);
@@ -368,11 +447,11 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
                 if ((abs((_e173 - roundEven(_e174))) > NEAR_CENTRE)) {
                     float _e182 = major;
                     float _e183 = last;
-                    local_12 = (_e182 < _e183);
+                    local_13 = (_e182 < _e183);
                 } else {
-                    local_12 = false;
+                    local_13 = false;
                 }
-                bool _e186 = local_12;
+                bool _e186 = local_13;
                 if (_e186) {
                 } else {
                     break;
@@ -388,17 +467,17 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
             float nearest = roundEven(_e193);
             float _e195 = minor;
             if ((abs((_e195 - nearest)) <= NEAR_CENTRE)) {
-                local_13 = (nearest >= 0.0);
-            } else {
-                local_13 = false;
-            }
-            bool _e205 = local_13;
-            if (_e205) {
-                local_14 = (nearest < sizes.y);
+                local_14 = (nearest >= 0.0);
             } else {
                 local_14 = false;
             }
-            bool _e211 = local_14;
+            bool _e205 = local_14;
+            if (_e205) {
+                local_15 = (nearest < sizes.y);
+            } else {
+                local_15 = false;
+            }
+            bool _e211 = local_15;
             if (_e211) {
                 float _e212 = major;
                 float _e214 = major;

@@ -69,6 +69,12 @@ struct Triangle {
     uint front;
     uint back;
 };
+struct Place {
+    uvec2 at;
+    uint face;
+    float inverse_;
+    vec3 direction;
+};
 const uint NOBODY = 4294967295u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -135,8 +141,8 @@ float depth_of(View v_5, vec4 plane, vec4 position) {
     uint _e8 = _group_1_binding_1_cs.resolution;
     float x_1 = (((2.0 * position.x) / float(_e8)) - 1.0);
     float y_1 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
-    float depth_1 = min(fma(plane.x, x_1, fma(plane.y, y_1, plane.z)), 1.0);
-    return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
+    float depth_2 = min(fma(plane.x, x_1, fma(plane.y, y_1, plane.z)), 1.0);
+    return ((abs((depth_2 - position.z)) <= (0.0625 * position.z)) ? depth_2 : position.z);
 }
 
 float behind(vec4 plane_1, float depth) {
@@ -175,9 +181,9 @@ float inverse_there(View v_8, uint patch_id, vec3 direction) {
     if (!((inverse_ > 0.0))) {
         return 0.0;
     }
-    vec3 p_1 = ((direction / vec3(inverse_)) - _e6.corner);
-    float along_b = dot(cross(p_1, _e6.edges[1]), _e6.normal);
-    float along_c = dot(cross(_e6.edges[0], p_1), _e6.normal);
+    vec3 p_2 = ((direction / vec3(inverse_)) - _e6.corner);
+    float along_b = dot(cross(p_2, _e6.edges[1]), _e6.normal);
+    float along_c = dot(cross(_e6.edges[0], p_2), _e6.normal);
     if (!((along_b < 0.0))) {
         local_1 = (along_c < 0.0);
     } else {
@@ -196,13 +202,9 @@ float inverse_there(View v_8, uint patch_id, vec3 direction) {
     return inverse_;
 }
 
-uint in_front(uint base, uint index_1) {
+Place place(uint base, uint index_1) {
     uint face_1 = 0u;
     bool local_3 = false;
-    bool local_4 = false;
-    bool local_5 = false;
-    bool local_6 = false;
-    bool local_7 = false;
     float _e6 = _group_1_binding_24_cs[(6u * index_1)];
     float _e13 = _group_1_binding_24_cs[((6u * index_1) + 1u)];
     float _e20 = _group_1_binding_24_cs[((6u * index_1) + 2u)];
@@ -215,82 +217,97 @@ uint in_front(uint base, uint index_1) {
     View _e49 = _group_1_binding_2_cs[base];
     vec3 _e50 = relative(_e49, high_4, low_4);
     vec3 _e51 = in_frame(_e46, _e50);
-    float _e56 = _group_1_binding_2_cs[base].tolerance;
-    if ((_e51.z <= _e56)) {
-        return NOBODY;
-    }
     vec3 size = abs(_e51);
     if (!((size.z < size.x))) {
         local_3 = (size.z < size.y);
     } else {
         local_3 = true;
     }
-    bool _e72 = local_3;
-    if (_e72) {
+    bool _e65 = local_3;
+    if (_e65) {
         if ((size.x >= size.y)) {
             face_1 = ((_e51.x > 0.0) ? 1u : 2u);
         } else {
             face_1 = ((_e51.y > 0.0) ? 3u : 4u);
         }
     }
-    uint _e89 = face_1;
-    View v_9 = _group_1_binding_2_cs[(base + _e89)];
-    vec3 _e93 = on_face(v_9, _e51);
-    float inverse_1 = (1.0 / _e93.z);
-    uint _e99 = _group_1_binding_1_cs.resolution;
-    vec2 extent = vec2(float(_e99), float(v_9.rows));
-    ivec2 pixel = ivec2(clamp(((((_e93.xy * inverse_1) * 0.5) + vec2(0.5)) * extent), vec2(0.0), (extent - vec2(1.0))));
-    ivec2 at = (pixel + ivec2(0, int(v_9.first_row)));
-    vec4 _e128 = texelFetch(_group_1_binding_4_cs, ivec3(at, int(v_9.layer)), 0);
-    float depth_2 = _e128.x;
-    float _e134 = _group_1_binding_1_cs.tiny_slack;
-    if (((v_9.near * inverse_1) < (depth_2 / (1.0 + _e134)))) {
+    uint _e82 = face_1;
+    View v_9 = _group_1_binding_2_cs[(base + _e82)];
+    vec3 _e86 = on_face(v_9, _e51);
+    float _e94 = _group_1_binding_2_cs[base].tolerance;
+    float inverse_1 = ((_e51.z <= _e94) ? 0.0 : (1.0 / _e86.z));
+    uint _e100 = _group_1_binding_1_cs.resolution;
+    vec2 extent = vec2(float(_e100), float(v_9.rows));
+    uvec2 pixel = uvec2(clamp(((((_e86.xy * inverse_1) * 0.5) + vec2(0.5)) * extent), vec2(0.0), (extent - vec2(1.0))));
+    uvec2 at = (pixel + uvec2(0u, v_9.first_row));
+    uint _e124 = face_1;
+    return Place(at, _e124, inverse_1, (_e51 * inverse_1));
+}
+
+uint in_front(uint base_1, uint index_2, Place p_1, float depth_1) {
+    bool local_4 = false;
+    bool local_5 = false;
+    bool local_6 = false;
+    bool local_7 = false;
+    View v_10 = _group_1_binding_2_cs[(base_1 + p_1.face)];
+    float _e14 = _group_1_binding_1_cs.tiny_slack;
+    if (((v_10.near * p_1.inverse_) < (depth_1 / (1.0 + _e14)))) {
         return NOBODY;
     }
-    Triangle _e140 = triangle(v_9, index_1);
-    float behind_1 = dot(_e140.normal, _e140.corner);
-    uint id = ((behind_1 < 0.0) ? _e140.front : _e140.back);
+    Triangle _e20 = triangle(v_10, index_2);
+    float behind_1 = dot(_e20.normal, _e20.corner);
+    uint id_1 = ((behind_1 < 0.0) ? _e20.front : _e20.back);
     if (!((behind_1 == 0.0))) {
-        uint _e156 = _group_1_binding_1_cs.patch_count;
-        local_4 = (id >= _e156);
+        uint _e36 = _group_1_binding_1_cs.patch_count;
+        local_4 = (id_1 >= _e36);
     } else {
         local_4 = true;
     }
-    bool _e159 = local_4;
-    if (!(_e159)) {
-        local_5 = (_e140.front == v_9.emitter);
+    bool _e39 = local_4;
+    if (!(_e39)) {
+        local_5 = (_e20.front == v_10.emitter);
     } else {
         local_5 = true;
     }
-    bool _e167 = local_5;
-    if (!(_e167)) {
-        local_6 = (_e140.back == v_9.emitter);
+    bool _e47 = local_5;
+    if (!(_e47)) {
+        local_6 = (_e20.back == v_10.emitter);
     } else {
         local_6 = true;
     }
-    bool _e175 = local_6;
-    if (_e175) {
+    bool _e55 = local_6;
+    if (_e55) {
         return NOBODY;
     }
-    uint _e181 = _group_1_binding_1_cs.word_count;
-    uint word = atomicOr(_group_1_binding_14_cs[((v_9.layer * _e181) + (id / 32u))], 0u);
-    if ((((word >> (id % 32u)) & 1u) != 0u)) {
+    uint _e61 = _group_1_binding_1_cs.word_count;
+    uint word = atomicOr(_group_1_binding_14_cs[((v_10.layer * _e61) + (id_1 / 32u))], 0u);
+    if ((((word >> (id_1 % 32u)) & 1u) != 0u)) {
         return NOBODY;
     }
-    uvec4 _e200 = texelFetch(_group_1_binding_11_cs, ivec3(at, int(v_9.layer)), 0);
-    uint shown = _e200.x;
-    uint _e204 = _group_1_binding_1_cs.patch_count;
-    if ((shown < _e204)) {
-        float _e209 = inverse_there(v_9, shown, (_e51 * inverse_1));
-        local_7 = (inverse_1 < (_e209 * 0.99999));
+    uvec4 _e82 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(p_1.at), int(v_10.layer)), 0);
+    uint shown = _e82.x;
+    uint _e86 = _group_1_binding_1_cs.patch_count;
+    if ((shown < _e86)) {
+        float _e92 = inverse_there(v_10, shown, p_1.direction);
+        local_7 = (p_1.inverse_ < (_e92 * 0.99999));
     } else {
         local_7 = false;
     }
-    bool _e214 = local_7;
-    if (_e214) {
+    bool _e97 = local_7;
+    if (_e97) {
         return NOBODY;
     }
-    return id;
+    return id_1;
+}
+
+void mark(uint layer, uint id) {
+    if ((id != NOBODY)) {
+        uint _e7 = _group_1_binding_1_cs.word_count;
+        uint _e17 = atomicOr(_group_1_binding_14_cs[((layer * _e7) + (id / 32u))], (1u << (id % 32u)));
+        return;
+    } else {
+        return;
+    }
 }
 
 void main() {
@@ -300,8 +317,8 @@ void main() {
     uint face = 0u;
     uint i = 0u;
     uint _e4 = _group_0_binding_0_cs.slot;
-    uint base_1 = ((_e4 + group.y) * 5u);
-    uint layer = _group_1_binding_2_cs[base_1].layer;
+    uint base_2 = ((_e4 + group.y) * 5u);
+    uint layer_1 = _group_1_binding_2_cs[base_2].layer;
     uint chunk = (group.x + (group.z * 32768u));
     uint _e20 = _group_1_binding_1_cs.chunk_count;
     if ((chunk >= _e20)) {
@@ -323,7 +340,7 @@ void main() {
             uint _e29 = on;
             uint _e33 = face;
             uint _e37 = _group_1_binding_1_cs.chunk_count;
-            uint _e41 = _group_1_binding_9_cs[((((layer * 5u) + _e33) * _e37) + chunk)];
+            uint _e41 = _group_1_binding_9_cs[((((layer_1 * 5u) + _e33) * _e37) + chunk)];
             on = (_e29 | _e41);
         }
     }
@@ -339,8 +356,8 @@ void main() {
     bool loop_init_1 = true;
     while(true) {
         if (!loop_init_1) {
-            uint _e83 = i;
-            i = (_e83 + 64u);
+            uint _e80 = i;
+            i = (_e80 + 64u);
         }
         loop_init_1 = false;
         uint _e62 = i;
@@ -350,10 +367,12 @@ void main() {
         }
         {
             uint _e64 = i;
-            uint _e66 = in_front(base_1, (first + _e64));
-            if ((_e66 != NOBODY)) {
-                uint _e72 = _group_1_binding_1_cs.word_count;
-                uint _e82 = atomicOr(_group_1_binding_14_cs[((layer * _e72) + (_e66 / 32u))], (1u << (_e66 % 32u)));
+            Place _e66 = place(base_2, (first + _e64));
+            if ((_e66.inverse_ > 0.0)) {
+                uint _e70 = i;
+                vec4 _e77 = texelFetch(_group_1_binding_4_cs, ivec3(ivec2(_e66.at), int(layer_1)), 0);
+                uint _e79 = in_front(base_2, (first + _e70), _e66, _e77.x);
+                mark(layer_1, _e79);
             }
         }
     }

@@ -47,7 +47,7 @@ pub mod upload;
 pub mod view;
 
 pub use chunks::Chunk;
-pub use limits::{Edges, Limits, Plan};
+pub use limits::{Draw, Edges, Limits, OfStage, Plan};
 pub use recording::{Action, Cull, Goal, Phase, Recording, Step};
 pub use upload::Upload;
 pub use view::{View, views};

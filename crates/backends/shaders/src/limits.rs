@@ -31,6 +31,65 @@ impl Edges {
     }
 }
 
+/// The way of drawing: the option `draw`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Draw {
+    /// By the device's rasteriser.
+    #[default]
+    Raster,
+    /// By compute shaders (`wgsl/tiles.wgsl`), with exact edges.
+    Compute,
+}
+
+/// Columns and rows of a tile of `wgsl/tiles.wgsl`.
+pub const TILE: [u32; 2] = [32, 16];
+
+/// What a stage of a device may have at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OfStage {
+    /// Threads of a work group.
+    pub threads: u32,
+    /// Bytes that they share.
+    pub shared_bytes: u32,
+    /// Storage buffers.
+    pub storage_buffers: u32,
+}
+
+/// What `draw=compute` asks of a device: no more than every device of WebGPU has (`maxComputeInvocationsPerWorkgroup`,
+/// `maxComputeWorkgroupStorageSize` and `maxStorageBuffersPerShaderStage` of its specification: 256, 16 KiB and 8).
+pub const TILES_ASK: OfStage = OfStage {
+    threads: 256,
+    shared_bytes: 16 << 10,
+    storage_buffers: 8,
+};
+
+impl Draw {
+    /// Checks that a device can draw so.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsupported`] naming what it lacks.
+    pub fn check(self, device: &str, has: OfStage) -> Result<(), BackendError> {
+        if self == Self::Raster {
+            return Ok(());
+        }
+        let asked = [
+            (has.threads, TILES_ASK.threads, "threads of a work group"),
+            (has.shared_bytes, TILES_ASK.shared_bytes, "bytes shared by a work group"),
+            (
+                has.storage_buffers,
+                TILES_ASK.storage_buffers,
+                "storage buffers of a stage",
+            ),
+        ];
+        match asked.into_iter().find(|(has, least, _)| has < least) {
+            None => Ok(()),
+            Some((has, least, what)) => Err(BackendError::Unsupported(format!(
+                "`draw=compute` takes {least} {what}; `{device}` has {has}; take `draw=raster` or another device"
+            ))),
+        }
+    }
+}
+
 /// The limits of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
@@ -52,6 +111,8 @@ pub struct Limits {
     pub copies_depths: bool,
     /// The judge of pixels near edges.
     pub edges: Edges,
+    /// The way of drawing.
+    pub draw: Draw,
 }
 
 /// The use of a device for a scene.
@@ -73,6 +134,8 @@ pub struct Plan {
     pub copies_depths: bool,
     /// The judge of pixels near edges: [`Limits::edges`].
     pub edges: Edges,
+    /// The way of drawing: [`Limits::draw`].
+    pub draw: Draw,
 }
 
 /// A buffer sized by the scene or the plan.
@@ -123,6 +186,7 @@ impl Plan {
             covered: settings.covered,
             copies_depths: limits.copies_depths,
             edges: limits.edges,
+            draw: limits.draw,
         };
         plan.batch = limits.batch.max(plan.group) / plan.group * plan.group;
         loop {
@@ -163,7 +227,15 @@ impl Plan {
         let patches = u64::from(upload.patch_count.max(1));
         let faces = u64::from(FACES);
         let pixels = pixel_count(self.resolution) as u64;
-        let settled = |words: u64| if self.edges == Edges::Exact { group * words } else { 1 };
+        let is_raster = self.draw == Draw::Raster;
+        let of_raster = |words: u64| if is_raster { group * words } else { 1 };
+        let settled = |words: u64| {
+            if is_raster && self.edges == Edges::Exact {
+                group * words
+            } else {
+                1
+            }
+        };
         let words = |name, binding, words: u64| Size {
             name,
             binding,
@@ -172,8 +244,12 @@ impl Plan {
         vec![
             words("views", b::VIEWS, batch * faces * u64::from(VIEW_BYTES) / 4),
             words("chunks", b::CHUNKS, chunks * CHUNK_WORDS as u64),
-            words("depth pyramids", b::PYRAMID, group * u64::from(self.pyramid_stride())),
-            words("indirect draws", b::DRAWS, group * faces * chunks * 5),
+            words(
+                "depth pyramids",
+                b::PYRAMID,
+                of_raster(u64::from(self.pyramid_stride())),
+            ),
+            words("indirect draws", b::DRAWS, of_raster(faces * chunks * 5)),
             words("draw counts", b::DRAW_COUNTS, group * faces),
             words("marks of seen chunks", b::SEEN, chunks),
             words("marks of drawn chunks", b::DRAWN, group * faces * chunks),
@@ -210,7 +286,7 @@ impl Plan {
             words(
                 "copied depths",
                 b::DEPTH_COPY,
-                if self.copies_depths {
+                if self.copies_depths || !is_raster {
                     group * pixel_count(self.resolution) as u64
                 } else {
                     1
@@ -256,6 +332,15 @@ impl Plan {
     pub fn reduce_groups(&self) -> u32 {
         // 64 threads of 32 pixels each.
         (3 * self.resolution * self.resolution).div_ceil(64 * 32)
+    }
+
+    /// Tiles of a layer, across and down.
+    pub fn tile_groups(&self) -> [u32; 2] {
+        let (top, side) = (
+            self.resolution.div_ceil(TILE[1]),
+            (self.resolution / 2).div_ceil(TILE[1]),
+        );
+        [self.resolution.div_ceil(TILE[0]), top + 4 * side]
     }
 
     /// Work groups of the search for sub-pixel patches, in x and in z.

@@ -1,6 +1,6 @@
 //! Options common to the GPU backends.
 
-use crate::limits::Edges;
+use crate::limits::{Draw, Edges};
 use crate::recording::Cull;
 use hemicube_abi::Options;
 use hemicube_contract::backend::BackendError;
@@ -89,6 +89,26 @@ pub fn device_cull(options: &mut Options<'_>) -> Result<Option<Cull>, BackendErr
         ("occlusion", Some(Cull::Occlusion)),
     ];
     Ok(choice(options, "cull", &words)?.flatten())
+}
+
+/// Takes `draw` of a backend that can draw by compute.
+///
+/// # Errors
+/// [`BackendError::InvalidArgument`] for any other word, and for `draw=compute` with the driver's edges or with culling.
+pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, cull: Option<Cull>) -> Result<Draw, BackendError> {
+    let words = [("raster", Draw::Raster), ("compute", Draw::Compute)];
+    let draw = choice(options, "draw", &words)?.unwrap_or_default();
+    if draw == Draw::Compute && edges == Some(Edges::Driver) {
+        return Err(BackendError::InvalidArgument(
+            "`draw=compute` has no driver's edges: leave out `edges=driver`, or take `draw=raster`".to_owned(),
+        ));
+    }
+    if draw == Draw::Compute && cull.is_some() {
+        return Err(BackendError::InvalidArgument(
+            "`draw=compute` leaves out what a tile cannot see: leave out `cull`, or take `draw=raster`".to_owned(),
+        ));
+    }
+    Ok(draw)
 }
 
 /// Takes a number of bytes.

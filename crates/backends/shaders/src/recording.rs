@@ -9,7 +9,7 @@
 //! `queries`), because its draws depend on answers read back within a hemicube. It records [`Cull::Off`] and carries
 //! out [`Action::DrawItems`] by lists of its own.
 
-use crate::limits::{Edges, Plan, SETTLE_GROUPS};
+use crate::limits::{Draw, Edges, Plan, SETTLE_GROUPS};
 use crate::stage::{self, Kind, Stage};
 use crate::upload::Upload;
 use crate::view::FACES;
@@ -114,6 +114,10 @@ impl Recording<'_> {
     /// The steps of a group of `layers` hemicubes.
     pub fn steps(&self, layers: u32) -> Vec<Step> {
         let mut steps = Vec::with_capacity(20);
+        if self.plan.draw == Draw::Compute {
+            self.add_tiles(&mut steps, layers);
+            return steps;
+        }
         self.add_culling(&mut steps, layers);
         add(&mut steps, Phase::Render, Action::DrawItems);
         let exact = self.plan.edges == Edges::Exact;
@@ -149,6 +153,30 @@ impl Recording<'_> {
         }
         dispatch(&mut steps, Phase::ReadBack, &stage::PACK, [PACK_GROUPS, layers, 1]);
         steps
+    }
+
+    /// The steps by compute alone. Item buffers are kept on the way to a row, too.
+    fn add_tiles(&self, steps: &mut Vec<Step>, layers: u32) {
+        let covered = self.plan.covered && self.goal == Goal::Rows;
+        let [x, y] = self.plan.tile_groups();
+        let draw = if covered || self.goal == Goal::Items {
+            &stage::KEEP_TILES
+        } else {
+            &stage::DRAW_TILES
+        };
+        dispatch(steps, Phase::Render, draw, [x, y, layers]);
+        if self.goal == Goal::Weights {
+            return;
+        }
+        let settle = [SETTLE_GROUPS, layers, 1];
+        if covered {
+            dispatch(steps, Phase::Reduce, &stage::TINY_OF_ALL, settle);
+        }
+        dispatch(steps, Phase::Reduce, &stage::COMPACT, [layers, 1, 1]);
+        if covered {
+            dispatch(steps, Phase::Cover, &stage::COVER_TILES, settle);
+        }
+        dispatch(steps, Phase::ReadBack, &stage::PACK, [PACK_GROUPS, layers, 1]);
     }
 
     fn add_culling(&self, steps: &mut Vec<Step>, layers: u32) {
@@ -206,14 +234,25 @@ pub fn identify(edges: Edges) -> [&'static Stage; 2] {
     }
 }
 
-/// The compute stages of recordings with these edges. `copies_depths` lists the possible values of
+/// The compute stages of recordings that draw so with these edges. `copies_depths` lists the possible values of
 /// [`Plan::copies_depths`].
-pub fn compute_stages(edges: Edges, copies_depths: &[bool]) -> Vec<&'static Stage> {
+pub fn compute_stages(draw: Draw, edges: Edges, copies_depths: &[bool]) -> Vec<&'static Stage> {
+    const BY_COMPUTE: [&str; 6] = [
+        "draw_tiles",
+        "keep_tiles",
+        "tiny_of_all",
+        "compact",
+        "cover_tiles",
+        "pack",
+    ];
     let pyramids: Vec<_> = copies_depths.iter().map(|&copies| pyramid_of(copies).entry).collect();
     stage::ALL
         .iter()
         .filter(|stage| stage.kind == Kind::Compute)
         .filter(|stage| match stage.file {
+            _ if draw == Draw::Compute => BY_COMPUTE.contains(&stage.entry),
+            "tiles" | "covered" => false,
+            "tiny" => stage.entry == stage::TINY.entry,
             "reduce" => edges == Edges::Driver,
             "settle" => edges == Edges::Exact,
             "pyramid" => pyramids.contains(&stage.entry),

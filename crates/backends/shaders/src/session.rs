@@ -1,6 +1,6 @@
 //! The parts of a session free of any graphics API: names, capabilities, checks.
 
-use crate::limits::Edges;
+use crate::limits::{Draw, Edges};
 use hemicube_contract::backend::{BackendError, Capabilities, Geometry, Hemicube};
 use std::ffi::CStr;
 
@@ -10,11 +10,15 @@ pub const VERSION: &CStr = c"gpu-3";
 /// The version with [`Edges::Exact`]: its rows differ.
 const EXACT_VERSION: &CStr = c"gpu-3-exact";
 
+/// The version with [`Draw::Compute`]: depths are rounded otherwise.
+const COMPUTE_VERSION: &CStr = c"gpu-3-compute";
+
 /// The version reported by a session.
-pub fn version(edges: Edges) -> String {
-    let version = match edges {
-        Edges::Driver => VERSION,
-        Edges::Exact => EXACT_VERSION,
+pub fn version(draw: Draw, edges: Edges) -> String {
+    let version = match (draw, edges) {
+        (Draw::Compute, _) => COMPUTE_VERSION,
+        (_, Edges::Driver) => VERSION,
+        (_, Edges::Exact) => EXACT_VERSION,
     };
     version.to_string_lossy().into_owned()
 }

@@ -40,21 +40,45 @@ impl Stage {
     }
 }
 
+/// The parts of a file's source, in this order, by their names in `wgsl/`.
+pub fn parts(file: &str) -> Vec<&str> {
+    match file {
+        "settle" | "tiles" | "covered" => vec!["shared", "exact", file],
+        _ => vec!["shared", file],
+    }
+}
+
+macro_rules! source {
+    ("settle") => {
+        source!("settle" after "exact")
+    };
+    ("tiles") => {
+        source!("tiles" after "exact")
+    };
+    ("covered") => {
+        source!("covered" after "exact")
+    };
+    ($file:tt $(after $part:tt)?) => {
+        concat!(
+            include_str!("../wgsl/shared.wgsl"),
+            "\n",
+            $(include_str!(concat!("../wgsl/", $part, ".wgsl")), "\n",)?
+            include_str!(concat!("../wgsl/", $file, ".wgsl"))
+        )
+    };
+}
+
 macro_rules! stages {
     ($(
         $(#[$doc:meta])*
-        $name:ident: $file:literal $entry:literal $kind:ident
+        $name:ident: $file:tt $entry:literal $kind:ident
             reads [$($read:ident)*] writes [$($write:ident)*];
     )*) => {
         $(
             $(#[$doc])*
             pub const $name: Stage = Stage {
                 file: $file,
-                wgsl: concat!(
-                    include_str!("../wgsl/shared.wgsl"),
-                    "\n",
-                    include_str!(concat!("../wgsl/", $file, ".wgsl"))
-                ),
+                wgsl: source!($file),
                 entry: $entry,
                 kind: Kind::$kind,
                 spirv: include_bytes!(concat!("../generated/", $entry, ".spv")),
@@ -121,6 +145,9 @@ stages! {
     /// Groups: [`crate::Plan::tiny_groups`] in x and z, layers in y.
     TINY: "tiny" "tiny" Compute
         reads [SETTINGS VIEWS CHUNKS DEPTHS DRAWN ITEMS VERTICES INDICES TRIANGLE_OF_PATCH CENTROIDS] writes [TOUCHED];
+    /// [`TINY`] of all triangles, by depths in [`binding::DEPTH_COPY`]. Groups: any number, layers.
+    TINY_OF_ALL: "tiny" "tiny_of_all" Compute
+        reads [SETTINGS VIEWS ITEMS VERTICES INDICES TRIANGLE_OF_PATCH CENTROIDS DEPTH_COPY] writes [TOUCHED];
     /// Groups: layers.
     COMPACT: "compact" "compact" Compute
         reads [SETTINGS CHUNK_OF_PATCH] writes [SEEN VISIBLE TOUCHED ENTRIES COVER_DRAWS TOTALS HIDDEN];
@@ -148,6 +175,15 @@ stages! {
     /// Follows [`COVER`] with exact edges. Groups: [`crate::limits::SETTLE_GROUPS`], layers.
     TAKE_BACK: "settle" "take_back" Compute
         reads [SETTINGS WEIGHTS ENTRIES TOTALS] writes [HIDDEN NEAR LISTED];
+    /// Draws and reduces with [`crate::Draw::Compute`], for uncovered rows. Groups: [`crate::Plan::tile_groups`], layers.
+    DRAW_TILES: "tiles" "draw_tiles" Compute
+        reads [SETTINGS VIEWS CHUNKS WEIGHTS VERTICES INDICES] writes [VISIBLE TOUCHED];
+    /// [`DRAW_TILES`] that keeps ids and depths.
+    KEEP_TILES: "tiles" "keep_tiles" Compute
+        reads [SETTINGS VIEWS CHUNKS WEIGHTS VERTICES INDICES] writes [VISIBLE TOUCHED DEPTH_COPY SETTLED_ITEMS];
+    /// [`COVER`] by compute. Groups: any number, layers.
+    COVER_TILES: "covered" "cover_tiles" Compute
+        reads [SETTINGS VIEWS ITEMS WEIGHTS VERTICES INDICES TRIANGLE_OF_PATCH ENTRIES TOTALS] writes [HIDDEN];
 }
 
 /// Binding numbers. [`VIEW`](binding::VIEW) is in group 0, with a dynamic offset; all others are in group 1.

@@ -123,31 +123,8 @@ fn reduce_sides(@builtin(global_invocation_id) run: vec3<u32>) {
     add_side(layer, current, sum);
 }
 
-// The sum of three products, with explicit fused multiply-adds: a compiler's own fusing could lose the exact change of
-// sign.
-fn dot_fused(a: vec3<f32>, b: vec3<f32>) -> f32 {
-    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z));
-}
-
-// Turns over exactly when one of the two does.
-fn cross_fused(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
-    return vec3<f32>(
-        fma(a.y, b.z, -(a.z * b.y)),
-        fma(a.z, b.x, -(a.x * b.z)),
-        fma(a.x, b.y, -(a.y * b.x)),
-    );
-}
-
 fn turned(v: View, d: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(dot_fused(v.tangent, d), dot_fused(v.bitangent, d), dot_fused(v.normal, d));
-}
-
-fn high_of(c: Vertex) -> vec3<f32> {
-    return vec3<f32>(c.high_x, c.high_y, c.high_z);
-}
-
-fn low_of(c: Vertex) -> vec3<f32> {
-    return vec3<f32>(c.low_x, c.low_y, c.low_z);
 }
 
 // A corner in the hemicube's frame, computed by `in_frame`.
@@ -211,14 +188,6 @@ fn centre(face: u32, at: vec2<u32>) -> vec3<f32> {
     let up = 2u * (at.y - first_row) + 1u;
     let from_middle = vec2<i32>(vec2<u32>(2u * at.x + 1u, up)) - vec2<i32>(vec2<u32>(n, select(0u, n, face == 0u)));
     return vec3<f32>(vec2<f32>(from_middle), f32(n));
-}
-
-// An edge's side of a direction: above 0 inside, and on the edge itself above 0 for one of the two triangles sharing
-// it, by its own direction.
-fn side_of(edge: vec3<f32>, direction: vec3<f32>) -> f32 {
-    let side = dot_fused(edge, direction);
-    let first = select(select(edge.z, edge.y, edge.y != 0.0), edge.x, edge.x != 0.0);
-    return select(side, first, side == 0.0);
 }
 
 // The nearness of a triangle in a direction: 1 / distance but for a factor, if it covers the pixel's centre, and 0

@@ -11,6 +11,8 @@
 @group(1) @binding(17) var<storage, read> triangle_of_patch: array<u32>;
 // Of each triangle, in pairs of f32: six words. Most triangles are found hidden by these alone.
 @group(1) @binding(24) var<storage, read> centroids: array<f32>;
+// Depths in a buffer: [layer][pixel].
+@group(1) @binding(25) var<storage, read> depth_copy: array<f32>;
 
 const NOBODY: u32 = 0xffffffffu;
 
@@ -63,14 +65,21 @@ fn inverse_there(v: View, patch_id: u32, direction: vec3<f32>) -> f32 {
     return inverse;
 }
 
-// The patch of a triangle in front at the centroid and not in the row yet, or `NOBODY`.
-fn in_front(base: u32, index: u32) -> u32 {
+// A triangle's centroid on the hemicube.
+struct Place {
+    // Its pixel of the atlas.
+    at: vec2<u32>,
+    face: u32,
+    // 1 / w; 0 in the emitter's plane.
+    inverse: f32,
+    // Its direction, with w = 1.
+    direction: vec3<f32>,
+}
+
+fn place(base: u32, index: u32) -> Place {
     let high = vec3<f32>(centroids[6u * index], centroids[6u * index + 1u], centroids[6u * index + 2u]);
     let low = vec3<f32>(centroids[6u * index + 3u], centroids[6u * index + 4u], centroids[6u * index + 5u]);
     let centroid = in_frame(views[base], relative(views[base], high, low));
-    if (centroid.z <= views[base].tolerance) {
-        return NOBODY;
-    }
     let size = abs(centroid);
     var face = 0u;
     if (size.z < size.x || size.z < size.y) {
@@ -82,14 +91,19 @@ fn in_front(base: u32, index: u32) -> u32 {
     }
     let v = views[base + face];
     let c = on_face(v, centroid);
-    let inverse = 1.0 / c.z;
+    let inverse = select(1.0 / c.z, 0.0, centroid.z <= views[base].tolerance);
     let extent = vec2<f32>(f32(settings.resolution), f32(v.rows));
-    let pixel = vec2<i32>(clamp((c.xy * inverse * 0.5 + 0.5) * extent, vec2<f32>(0.0), extent - 1.0));
-    let at = pixel + vec2<i32>(0, i32(v.first_row));
-    // Neighbours in the same surface must not hide it, but would if depths at the pixel's centre were compared. If the
-    // visible patch reaches the centroid, its depth there decides; beyond a silhouette, about equal nearness is enough.
-    let depth = textureLoad(depths, at, i32(v.layer), 0).x;
-    if (v.near * inverse < depth / (1.0 + settings.tiny_slack)) {
+    let pixel = vec2<u32>(clamp((c.xy * inverse * 0.5 + 0.5) * extent, vec2<f32>(0.0), extent - 1.0));
+    let at = pixel + vec2<u32>(0u, v.first_row);
+    return Place(at, face, inverse, centroid * inverse);
+}
+
+// The patch of a triangle in front at the centroid and not in the row yet, or `NOBODY`. Neighbours in the same surface
+// must not hide it, but would if depths at the pixel's centre were compared. If the visible patch reaches the centroid,
+// its depth there decides; beyond a silhouette, about equal nearness is enough.
+fn in_front(base: u32, index: u32, p: Place, depth: f32) -> u32 {
+    let v = views[base + p.face];
+    if (v.near * p.inverse < depth / (1.0 + settings.tiny_slack)) {
         return NOBODY;
     }
     let t = triangle(v, index);
@@ -102,11 +116,17 @@ fn in_front(base: u32, index: u32) -> u32 {
     if ((word >> (id % 32u) & 1u) != 0u) {
         return NOBODY;
     }
-    let shown = textureLoad(items, at, i32(v.layer), 0).x;
-    if (shown < settings.patch_count && inverse < inverse_there(v, shown, centroid * inverse) * (1.0 - 1e-5)) {
+    let shown = textureLoad(items, vec2<i32>(p.at), i32(v.layer), 0).x;
+    if (shown < settings.patch_count && p.inverse < inverse_there(v, shown, p.direction) * (1.0 - 1e-5)) {
         return NOBODY;
     }
     return id;
+}
+
+fn mark(layer: u32, id: u32) {
+    if (id != NOBODY) {
+        atomicOr(&touched[layer * settings.word_count + id / 32u], 1u << (id % 32u));
+    }
 }
 
 @compute @workgroup_size(64)
@@ -130,9 +150,23 @@ fn tiny(
     let first = chunks[chunk].first_index / 3u;
     let count = chunks[chunk].index_count / 3u;
     for (var i = local; i < count; i += 64u) {
-        let id = in_front(base, first + i);
-        if (id != NOBODY) {
-            atomicOr(&touched[layer * settings.word_count + id / 32u], 1u << (id % 32u));
+        let p = place(base, first + i);
+        if (p.inverse > 0.0) {
+            mark(layer, in_front(base, first + i, p, textureLoad(depths, vec2<i32>(p.at), i32(layer), 0).x));
+        }
+    }
+}
+
+// All triangles, with the depths of `keep_tiles`. Groups: any number, layers.
+@compute @workgroup_size(64)
+fn tiny_of_all(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let base = (view.slot + thread.y) * 5u;
+    let layer = views[base].layer;
+    let n = settings.resolution;
+    for (var i = thread.x; i < settings.triangle_count; i += groups.x * 64u) {
+        let p = place(base, i);
+        if (p.inverse > 0.0) {
+            mark(layer, in_front(base, i, p, depth_copy[(layer * 3u * n + p.at.y) * n + p.at.x]));
         }
     }
 }

@@ -8,6 +8,7 @@
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
+//! draw        raster | compute                     compute shaders alone, with exact edges
 //! edges       exact | driver                       the judge of pixels near edges: docs/dev/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
 //! validation  on | off                             with Vulkan's validation layer; its messages are errors
@@ -38,7 +39,7 @@ use hemicube_shaders::output::{self, HEADER_WORDS, append_rows, entry_words, unc
 use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, stands_on_emitter, submission_views};
-use hemicube_shaders::{Cull, Limits, Phase};
+use hemicube_shaders::{Cull, Draw, Limits, OfStage, Phase};
 use options::Options;
 use reduce::{MARKS, Stages, Work};
 use std::ffi::CStr;
@@ -208,11 +209,17 @@ impl Session {
                 gpu.name
             )));
         }
+        let has = OfStage {
+            threads: gpu.limits.max_compute_work_group_invocations,
+            shared_bytes: gpu.limits.max_compute_shared_memory_size,
+            storage_buffers: gpu.limits.max_per_stage_descriptor_storage_buffers,
+        };
+        options.draw.check(&gpu.name, has)?;
         let limits = limits(&gpu, options);
         Ok(Self {
             info: BackendInfo {
                 name: Self::NAME.to_string_lossy().into_owned(),
-                version: session::version(options.edges),
+                version: session::version(options.draw, options.edges),
                 device: gpu.name.clone(),
                 capabilities: CAPABILITIES,
                 preferred_rows: preferred_rows(limits.batch),
@@ -274,6 +281,7 @@ fn limits(gpu: &Gpu, options: Options) -> Limits {
         batch: options.batch.unwrap_or(batch).max(group),
         copies_depths: gpu.is_software,
         edges: options.edges,
+        draw: options.draw,
     }
 }
 
@@ -290,8 +298,10 @@ impl Loaded {
             .timing
             .then(|| scene.plan.batch.div_ceil(scene.plan.group) * MARKS);
         let (triangles, chunks) = (scene.upload.triangle_count(), scene.upload.chunks.len());
+        // Tiles leave out what they do not see.
+        let cull = (options.draw == Draw::Compute).then_some(Cull::Off);
         let judge = Judge::new(
-            options.cull,
+            cull.or(options.cull),
             settings.culling,
             triangles,
             chunks,
@@ -395,7 +405,7 @@ impl Loaded {
         let words = entry_words(&self.scene.plan, headers, slots)?;
         let entries = buffer.read(self.scene.plan.output_entries() as usize, words)?;
         let mut counters = append_rows(headers, entries, slots, self.settings.covered, out);
-        if cull == Cull::Off {
+        if cull == Cull::Off && self.scene.plan.draw == Draw::Raster {
             let all = unculled_triangles(&self.scene.upload, u64::from(slots));
             counters.triangles_drawn = all;
             counters.triangles_transformed = all;
@@ -558,7 +568,11 @@ impl HemicubeBackend for Session {
     }
 
     fn choices(&self) -> Vec<String> {
-        self.loaded.iter().map(|loaded| loaded.judge.line()).collect()
+        let how = |loaded: &Loaded| match loaded.scene.plan.draw {
+            Draw::Raster => loaded.judge.line(),
+            Draw::Compute => "drawn by compute, tile by tile".to_owned(),
+        };
+        self.loaded.iter().map(how).collect()
     }
 
     fn stage_times(&self) -> StageTimes {

@@ -1,8 +1,8 @@
 //! The options of a session.
 
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::options::{Common, MOST_BATCH, bytes, device_cull};
-use hemicube_shaders::{Cull, Edges};
+use hemicube_shaders::options::{Common, MOST_BATCH, bytes, device_cull, draw};
+use hemicube_shaders::{Cull, Draw, Edges};
 
 /// The options of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -10,6 +10,7 @@ pub(crate) struct Options {
     /// `None`: chosen by scene.
     pub(crate) cull: Option<Cull>,
     pub(crate) edges: Edges,
+    pub(crate) draw: Draw,
     pub(crate) timing: bool,
     pub(crate) validation: bool,
     pub(crate) batch: Option<u32>,
@@ -26,6 +27,7 @@ impl Options {
         let options = Self {
             cull,
             edges: common.edges.unwrap_or_default(),
+            draw: draw(&mut given, common.edges, cull)?,
             timing: common.timing,
             validation: given.take_switch("validation")?.unwrap_or(false),
             batch: common.batch,

@@ -99,7 +99,7 @@ struct Group {
 impl Stages {
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, BackendError> {
         let (layout, plan) = (scene.layout, &scene.plan);
-        let stages = compute_stages(plan.edges, &[plan.copies_depths]).into_iter();
+        let stages = compute_stages(plan.draw, plan.edges, &[plan.copies_depths]).into_iter();
         let pipelines = stages.map(|stage| Ok((stage.entry, compute(gpu, layout, stage)?)));
         Ok(Self {
             gpu: Arc::clone(gpu),

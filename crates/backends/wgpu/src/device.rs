@@ -7,7 +7,7 @@ use crate::conv;
 use crate::options::Options;
 use hemicube_contract::backend::{BackendError, RESOLUTIONS};
 use hemicube_shaders::stage::Stage;
-use hemicube_shaders::{Limits, session};
+use hemicube_shaders::{Limits, OfStage, session};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{
@@ -148,6 +148,12 @@ impl Device {
             return Err(missing("timestamps, which `timing=on` takes"));
         }
         let allowed = adapter.limits();
+        let of_stage = OfStage {
+            threads: allowed.max_compute_invocations_per_workgroup,
+            shared_bytes: allowed.max_compute_workgroup_storage_size,
+            storage_buffers: allowed.max_storage_buffers_per_shader_stage,
+        };
+        options.draw.check(&describe(&info), of_stage)?;
         let (raw, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("hemicube"),
             required_features: features,
@@ -180,6 +186,7 @@ impl Device {
                 image_edge: allowed.max_texture_dimension_2d,
                 copies_depths: is_software,
                 edges: options.edges,
+                draw: options.draw,
                 group: options.group.unwrap_or(group).min(batch),
                 batch,
             },
@@ -234,23 +241,30 @@ pub(crate) struct Compiler<'a> {
     pub(crate) view_layout: &'a BindGroupLayout,
     /// By WGSL file.
     modules: HashMap<&'static str, ShaderModule>,
+    /// Text of the shaders, and what is put in its place.
+    fault: Option<(String, String)>,
 }
 
 impl<'a> Compiler<'a> {
-    pub(crate) fn new(device: &'a Device, view_layout: &'a BindGroupLayout) -> Self {
+    pub(crate) fn new(device: &'a Device, view_layout: &'a BindGroupLayout, fault: Option<(String, String)>) -> Self {
         Self {
             device: &device.raw,
             view_layout,
             modules: HashMap::new(),
+            fault,
         }
     }
 
     /// The module of a stage's file.
     pub(crate) fn module(&mut self, stage: &Stage) -> ShaderModule {
         let compile = || {
+            let text = match &self.fault {
+                Some((from, to)) => stage.wgsl.replace(from, to).into(),
+                None => stage.wgsl.into(),
+            };
             self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(stage.file),
-                source: wgpu::ShaderSource::Wgsl(stage.wgsl.into()),
+                source: wgpu::ShaderSource::Wgsl(text),
             })
         };
         self.modules.entry(stage.file).or_insert_with(compile).clone()

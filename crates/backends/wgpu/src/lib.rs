@@ -13,6 +13,7 @@
 //! |---|---|
 //! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`; rows are the same with each |
 //! | `edges` | `exact` (default) or `driver`: the judge of pixels near edges, see docs/dev/gpu.md |
+//! | `draw` | `raster` (default) or `compute`: compute shaders alone, with exact edges |
 //! | `batch` | hemicubes of a submission |
 //! | `group` | hemicubes side by side in the stages |
 //! | `memory` | MiB to take on the device |
@@ -43,7 +44,7 @@ use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, submission_views};
-use hemicube_shaders::{Cull, Goal, Plan, Recording, Upload};
+use hemicube_shaders::{Cull, Draw, Goal, Plan, Recording, Upload};
 use options::Options;
 use reduce::{FirstDepths, Side, Stages};
 use render::{Group, Recorder, Scene, view_bytes};
@@ -100,6 +101,16 @@ pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
     Session::open(device, Options::parse(options)?)
 }
 
+/// [`open`] with a part of the shaders' text replaced: a session that is wrong, for tests that must notice.
+///
+/// # Errors
+/// See [`open`].
+#[doc(hidden)]
+pub fn open_with_fault(device: u32, options: &str, from: &str, to: &str) -> Result<Session, BackendError> {
+    let fault = (!from.is_empty()).then(|| (from.to_owned(), to.to_owned()));
+    Session::open_with(device, Options::parse(options)?, fault)
+}
+
 /// A session: a device of its own, and a scene on it.
 pub struct Session {
     info: BackendInfo,
@@ -143,6 +154,10 @@ struct Loaded {
 impl Session {
     /// A session on an adapter of an instance of its own.
     fn open(number: u32, options: Options) -> Result<Self, BackendError> {
+        Self::open_with(number, options, None)
+    }
+
+    fn open_with(number: u32, options: Options, fault: Option<(String, String)>) -> Result<Self, BackendError> {
         let adapters = device::adapters_for(number, options.validation);
         let Some(adapter) = adapters.get(number as usize) else {
             return Err(BackendError::Unsupported(match adapters.len() {
@@ -150,21 +165,26 @@ impl Session {
                 n => format!("device {number} of {n} that wgpu finds; they are numbered from 0"),
             }));
         };
-        Self::new(number, adapter.clone(), options)
+        Self::new(number, adapter.clone(), options, fault)
     }
 
-    fn new(number: u32, adapter: Adapter, options: Options) -> Result<Self, BackendError> {
+    fn new(
+        number: u32,
+        adapter: Adapter,
+        options: Options,
+        fault: Option<(String, String)>,
+    ) -> Result<Self, BackendError> {
         let device = Device::open(&adapter, options)?;
         let view_layout = device.raw.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("view"),
             entries: &[conv::view_layout()],
         });
-        let mut compiler = Compiler::new(&device, &view_layout);
-        let stages = Stages::new(&mut compiler, options.edges);
+        let mut compiler = Compiler::new(&device, &view_layout, fault);
+        let stages = Stages::new(&mut compiler, options.draw, options.edges);
         device.check()?;
         let info = BackendInfo {
             name: NAME.to_owned(),
-            version: session::version(options.edges),
+            version: session::version(options.draw, options.edges),
             device: device::describe(&adapter.get_info()),
             capabilities: CAPABILITIES,
             preferred_rows: device.preferred_rows(),
@@ -295,7 +315,7 @@ impl Loaded {
             }
             if let Some((arriving, cull)) = arriving {
                 let mut done = self.sides[side].finish(device, arriving, covered, &mut self.times, out)?;
-                if cull == Cull::Off {
+                if cull == Cull::Off && self.plan.draw == Draw::Raster {
                     done.triangles_transformed = unculled_triangles(&self.upload, done.hemicubes);
                     done.triangles_drawn = done.triangles_transformed;
                 }
@@ -394,6 +414,7 @@ impl HemicubeBackend for Session {
         let sides = [self.side(&store, &plan, &upload)?, self.side(&store, &plan, &upload)?];
         let fixed = match settings.culling {
             Culling::Off => Some(Cull::Off),
+            Culling::On if plan.draw == Draw::Compute => Some(Cull::Off),
             Culling::On => self.options.cull,
         };
         self.info.preferred_rows = preferred_rows(plan.batch);
@@ -420,7 +441,10 @@ impl HemicubeBackend for Session {
         };
         let Plan { group, batch, .. } = loaded.plan;
         vec![
-            loaded.policy.choice(),
+            match loaded.plan.draw {
+                Draw::Raster => loaded.policy.choice(),
+                Draw::Compute => "drawn by compute, tile by tile".to_owned(),
+            },
             format!("{batch} hemicubes a submission, {group} side by side"),
         ]
     }
@@ -437,7 +461,7 @@ impl HemicubeBackend for Session {
         let mut session = if self.device.is_software {
             Self::open(self.number, self.options)?
         } else {
-            Self::new(self.number, self.adapter.clone(), self.options)?
+            Self::new(self.number, self.adapter.clone(), self.options, None)?
         };
         session.load(&loaded.geometry, loaded.settings)?;
         Ok(Box::new(session))

@@ -1,8 +1,8 @@
 //! The options of a session.
 
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::options::{Common, MOST_BATCH, device_cull, number};
-use hemicube_shaders::{Cull, Edges};
+use hemicube_shaders::options::{Common, MOST_BATCH, device_cull, draw, number};
+use hemicube_shaders::{Cull, Draw, Edges};
 
 /// The options of a session.
 #[derive(Clone, Copy, Debug, Default)]
@@ -10,6 +10,7 @@ pub(crate) struct Options {
     /// `None`: chosen by scene.
     pub(crate) cull: Option<Cull>,
     pub(crate) edges: Edges,
+    pub(crate) draw: Draw,
     /// Hemicubes of a submission.
     pub(crate) batch: Option<u32>,
     /// Hemicubes side by side.
@@ -34,6 +35,7 @@ impl Options {
         let options = Self {
             cull,
             edges: common.edges.unwrap_or_default(),
+            draw: draw(&mut given, common.edges, cull)?,
             batch: common.batch,
             group: common.group,
             memory,

@@ -14,7 +14,7 @@ use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{HEADER_WORDS, append_rows, entry_words};
 use hemicube_shaders::recording::compute_stages;
 use hemicube_shaders::stage::{Stage, binding as b};
-use hemicube_shaders::{Action, Cull, Edges, Plan, Recording, Step};
+use hemicube_shaders::{Action, Cull, Draw, Edges, Plan, Recording, Step};
 use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Instant;
@@ -31,9 +31,9 @@ pub(crate) struct Stages {
 }
 
 impl Stages {
-    pub(crate) fn new(compiler: &mut Compiler<'_>, edges: Edges) -> Self {
+    pub(crate) fn new(compiler: &mut Compiler<'_>, draw: Draw, edges: Edges) -> Self {
         // Some resolutions copy depths, others do not.
-        let stages = compute_stages(edges, &[false, true]).into_iter();
+        let stages = compute_stages(draw, edges, &[false, true]).into_iter();
         let compute = stages.map(|stage| {
             let (layout, pipeline) = compiler.compute(stage);
             (stage.entry, (stage, layout, pipeline))

@@ -5,11 +5,12 @@ use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBacke
 use hemicube::delta::DeltaTable;
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
-use hemicube_backend_wgpu::{devices, open};
+use hemicube_backend_wgpu::{devices, open, open_with_fault};
 use hemicube_tests::devices::{
     Apart, DRIVERS_EDGES, EXACT_EDGES, Opened, SHARED_WALLS, agrees_with_the_cpu, city_with_duplicates, compare_rows,
-    extreme_scenes, is_sum_of, is_there, neighbours, rows_do_not_depend, rows_with, scenes, some,
-    the_drivers_edges_are_told_from_exact_ones, unoccluded,
+    covered_and_tiny_agree_with_the_cpu, emitters_are_not_seen_from_off_their_planes, extreme_scenes, is_sum_of,
+    is_there, neighbours, rows_do_not_depend, rows_with, scenes, some, the_drivers_edges_are_told_from_exact_ones,
+    unoccluded,
 };
 use hemicube_tests::rows::render_with;
 use hemicube_tests::scenes::{model, read, say, scenes_or_skip};
@@ -149,6 +150,64 @@ fn covered_rows_do_not_depend_on_culling_batches_or_the_run() {
 #[ignore = "two minutes on a driver that renders on the processor: ./test --full"]
 fn covered_rows_do_not_depend_on_any_option() {
     covered_rows_do_not_depend(&OPTIONS, &OPTIONS, &EXACT);
+}
+
+/// Drawn by compute. The second has odd groups: tiles of several layers at once.
+const TILES: [&str; 2] = ["draw=compute", "draw=compute,group=5,batch=10"];
+
+#[test]
+fn rows_drawn_by_compute_do_not_depend_on_batches_or_the_run() {
+    on_a_device(|| {
+        for (name, model) in scenes() {
+            // 48 and 80 pixels are no whole number of tiles.
+            for (covered, resolution) in [(false, 48), (true, 80)] {
+                rows_do_not_depend(&wgpu, &TILES, name, &model, &some(&model, 15), covered, resolution);
+            }
+        }
+    });
+}
+
+#[test]
+fn rows_drawn_by_compute_are_the_cpu_s() {
+    on_a_device(|| {
+        for (name, model) in scenes() {
+            agrees_with_the_cpu(&wgpu, TILES[0], name, &model, EXACT_EDGES);
+        }
+        covered_and_tiny_agree_with_the_cpu(&wgpu, TILES[0]);
+        emitters_are_not_seen_from_off_their_planes(&wgpu, TILES[0]);
+        if let Some(folder) = scenes_or_skip("drawing a real tile by compute") {
+            let tile = read(&folder, "city/denhaag-8897.obj").expect("a readable scene");
+            let tile = model(tile, hemicube_scene::Subdivision::None);
+            agrees_with_the_cpu(&wgpu, TILES[0], "denhaag", &tile, SHARED_WALLS);
+        }
+    });
+}
+
+/// Faults of the tiles' shader, each in a word, and whether rows tell: depths of the wrong sign, sides without their
+/// ties, chunks left out at the tile's edge, pixels counted twice.
+#[test]
+fn a_wrong_shader_makes_other_rows() {
+    on_a_device(|| {
+        let (_, room) = scenes().swap_remove(0);
+        let hemicubes = some(&room, 24);
+        let (cpu, _) = render_with(&mut CpuBackend::new(), &room, &hemicubes, settings(256, false));
+        let apart = |from, to| {
+            let mut session = open_with_fault(0, TILES[0], from, to).expect("it was there");
+            let (rows, _) = render_with(&mut session, &room, &hemicubes, settings(256, false));
+            compare_rows(&rows, &cpu)
+        };
+        let right = apart("", "");
+        assert!(right.worst <= EXACT_EDGES.row, "{right:?}");
+        for (from, to) in [
+            ("(depth > best)", "(depth < best)"),
+            ("dot_fused(side, greatest_in(tile, side, n)) < 0.0", "side.x < 0.0"),
+            ("fma(side.y, y, side.z * n)", "fma(side.y, y + 1.0, side.z * n)"),
+            ("rest = select(rest, vec4<u32>(0u), same)", "rest = rest"),
+        ] {
+            let wrong = apart(from, to);
+            assert!(wrong.worst > EXACT_EDGES.row, "`{to}`: {wrong:?}");
+        }
+    });
 }
 
 #[test]
@@ -353,6 +412,9 @@ fn illegal_requests_are_refused_by_name() {
         for (options, named) in [
             ("cull=sometimes", "`sometimes`"),
             ("edges=sharp", "`sharp`"),
+            ("draw=pencil", "`pencil`"),
+            ("draw=compute,edges=driver", "`edges=driver`"),
+            ("draw=compute,cull=off", "`cull`"),
             ("batch=0", "`batch`"),
             ("group=many", "`group`"),
             ("colour=red", "`colour`"),

@@ -14,7 +14,7 @@ fn module(file: &str) -> (Module, ModuleInfo) {
     let read = |name: &str| {
         std::fs::read_to_string(folder().join("wgsl").join(format!("{name}.wgsl"))).expect("a committed shader")
     };
-    let source = format!("{}\n{}", read("shared"), read(file));
+    let source = stage::parts(file).into_iter().map(read).collect::<Vec<_>>().join("\n");
     let module = naga::front::wgsl::parse_str(&source)
         .unwrap_or_else(|error| panic!("{file}: {}", error.emit_to_string(&source)));
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
@@ -123,7 +123,7 @@ fn every_wgsl_file_is_a_stage_and_every_generated_file_is_one() {
         names
     };
     let mut files: Vec<String> = stage::ALL.iter().map(|s| format!("{}.wgsl", s.file)).collect();
-    files.push("shared.wgsl".to_owned());
+    files.extend(["shared.wgsl".to_owned(), "exact.wgsl".to_owned()]);
     files.sort();
     files.dedup();
     assert_eq!(names(folder().join("wgsl")), files);

@@ -6,7 +6,7 @@ use hemicube_scene::{Patches, Subdivision, generate};
 use hemicube_shaders::recording::compute_stages;
 use hemicube_shaders::stage::{self, Stage, binding as b};
 use hemicube_shaders::upload::contents;
-use hemicube_shaders::{Action, Cull, Edges, Goal, Limits, Phase, Plan, Recording, Step, Upload};
+use hemicube_shaders::{Action, Cull, Draw, Edges, Goal, Limits, Phase, Plan, Recording, Step, Upload};
 use std::collections::BTreeSet;
 
 fn model() -> Model {
@@ -14,7 +14,7 @@ fn model() -> Model {
     Model::new(patches.into(), HierarchyOptions::default()).expect("a scene with an extent")
 }
 
-fn plan(upload: &Upload, covered: bool, edges: Edges, copies_depths: bool) -> Plan {
+fn plan(upload: &Upload, covered: bool, draw: Draw, edges: Edges, copies_depths: bool) -> Plan {
     let settings = RenderSettings {
         resolution: 64,
         culling: Culling::On,
@@ -29,6 +29,7 @@ fn plan(upload: &Upload, covered: bool, edges: Edges, copies_depths: bool) -> Pl
         batch: 8,
         copies_depths,
         edges,
+        draw,
     };
     Plan::new(upload, settings, limits).expect("a small scene")
 }
@@ -45,7 +46,14 @@ fn missing(known: &mut BTreeSet<u32>, step: &Step) -> Option<u32> {
         )
     };
     let (reads, writes) = match step.action {
-        Action::Dispatch { stage, .. } => stages(&[stage]),
+        Action::Dispatch { stage, .. } => {
+            let (reads, mut writes) = stages(&[stage]);
+            // The item buffer by its other name.
+            if writes.contains(&b::SETTLED_ITEMS) {
+                writes.push(b::ITEMS);
+            }
+            (reads, writes)
+        }
         Action::DrawDepths => (vec![b::DRAWS, b::DRAW_COUNTS], vec![b::DEPTHS]),
         Action::CopyDepths => (vec![b::DEPTHS], vec![b::DEPTH_COPY]),
         Action::DrawItems => (Vec::new(), vec![b::DEPTHS, b::ITEMS]),
@@ -71,9 +79,10 @@ fn every_step_reads_what_was_written_before() {
     let upload = Upload::new(model.geometry()).expect("a small scene");
     for cull in [Cull::Off, Cull::Frustum, Cull::Occlusion] {
         for goal in [Goal::Items, Goal::Weights, Goal::Rows] {
-            for kind in 0..8 {
+            for kind in 0..16 {
                 let edges = if kind & 1 == 0 { Edges::Driver } else { Edges::Exact };
-                let plan = plan(&upload, kind & 2 != 0, edges, kind & 4 != 0);
+                let draw = if kind & 8 == 0 { Draw::Raster } else { Draw::Compute };
+                let plan = plan(&upload, kind & 2 != 0, draw, edges, kind & 4 != 0);
                 let recording = Recording {
                     plan: &plan,
                     upload: &upload,
@@ -87,7 +96,7 @@ fn every_step_reads_what_was_written_before() {
                 for step in &steps {
                     assert_eq!(missing(&mut known, step), None, "{step:?} of {recording:?}");
                 }
-                let all = compute_stages(edges, &[plan.copies_depths]);
+                let all = compute_stages(draw, edges, &[plan.copies_depths]);
                 for step in &steps {
                     if let Action::Dispatch { stage, groups } = step.action {
                         assert!(all.iter().any(|known| known.entry == stage.entry), "{}", stage.entry);
@@ -96,7 +105,8 @@ fn every_step_reads_what_was_written_before() {
                 }
                 let last = steps.last().expect("steps");
                 let expected = match goal {
-                    Goal::Items if edges == Edges::Driver => Phase::Render,
+                    Goal::Weights if draw == Draw::Compute => Phase::Render,
+                    Goal::Items if draw == Draw::Raster && edges == Edges::Driver => Phase::Render,
                     Goal::Weights => Phase::Reduce,
                     _ => Phase::ReadBack,
                 };
@@ -110,7 +120,7 @@ fn every_step_reads_what_was_written_before() {
 fn a_step_left_out_is_noticed() {
     let model = model();
     let upload = Upload::new(model.geometry()).expect("a small scene");
-    let plan = plan(&upload, true, Edges::Exact, false);
+    let plan = plan(&upload, true, Draw::Raster, Edges::Exact, false);
     let recording = Recording {
         plan: &plan,
         upload: &upload,

@@ -6,8 +6,9 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_contract::backend::{Culling, RenderSettings, Surface};
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
 use hemicube_scene::{InputPatch, Patches, Scene, Subdivision, Triangle};
+use hemicube_shaders::limits::TILES_ASK;
 use hemicube_shaders::view::near;
-use hemicube_shaders::{Edges, Limits, Plan, Upload};
+use hemicube_shaders::{Draw, Edges, Limits, OfStage, Plan, Upload};
 
 fn model(scene: &Scene) -> Model {
     let patches = Patches::new(scene, Subdivision::None).expect("a scene that fits");
@@ -161,6 +162,7 @@ fn what_does_not_fit_is_refused_and_named() {
         batch: 32,
         copies_depths: true,
         edges: Edges::Driver,
+        draw: Draw::Raster,
     };
     let plan = Plan::new(&upload, settings, limits).expect("plenty");
     assert_eq!((plan.group, plan.batch), (4, 32));
@@ -206,11 +208,35 @@ fn what_does_not_fit_is_refused_and_named() {
         ..limits
     };
     assert!(Plan::new(&upload, settings, exact).expect("plenty").bytes(&upload) > plan.bytes(&upload));
+    // Tiles need no lists of pixels, but depths in a buffer.
+    let tiles = Limits {
+        draw: Draw::Compute,
+        ..exact
+    };
+    let tiles = Plan::new(&upload, settings, tiles).expect("plenty").bytes(&upload);
+    assert!(tiles < Plan::new(&upload, settings, exact).expect("plenty").bytes(&upload));
     upload.patch_count = u32::MAX / 2;
     let refused = Plan::new(&upload, settings, exact)
         .expect_err("too many ids")
         .to_string();
     assert!(refused.contains("edges=exact"), "{refused}");
+}
+
+#[test]
+fn a_device_that_cannot_draw_by_compute_is_told_from_one_that_can() {
+    assert!(Draw::Compute.check("a device", TILES_ASK).is_ok());
+    let less = OfStage {
+        shared_bytes: TILES_ASK.shared_bytes - 1,
+        ..TILES_ASK
+    };
+    let refused = Draw::Compute
+        .check("a small device", less)
+        .expect_err("too little")
+        .to_string();
+    for word in ["draw=compute", "16384 bytes", "a small device", "16383", "draw=raster"] {
+        assert!(refused.contains(word), "{refused}");
+    }
+    assert!(Draw::Raster.check("a small device", less).is_ok());
 }
 
 /// The near plane's distance of the first hemicube on each patch, in half sides of the scene.

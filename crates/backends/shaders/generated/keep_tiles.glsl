@@ -1,0 +1,967 @@
+#version 450 core
+#extension GL_ARB_compute_shader : require
+#extension GL_ARB_shader_storage_buffer_object : require
+layout(local_size_x = 64, local_size_y = 1, local_size_z = 1) in;
+
+struct View {
+    vec3 eye_high;
+    float tolerance;
+    vec3 eye_low;
+    uint slot;
+    vec3 tangent;
+    uint layer;
+    vec3 bitangent;
+    uint face;
+    vec3 normal;
+    uint emitter;
+    vec3 clip_x;
+    uint first_row;
+    vec3 clip_y;
+    uint rows;
+    vec3 clip_w;
+    uint stamp;
+    float near;
+    uint mirrored;
+    uint upside_down;
+    vec4 portal;
+    uvec4 unused[6];
+};
+struct Settings {
+    uint resolution;
+    uint patch_count;
+    uint chunk_count;
+    uint word_count;
+    uint capacity;
+    uint triangle_count;
+    uint pyramid_stride;
+    float slack;
+    float tiny_slack;
+    uint output_entries;
+    uint looks_back;
+    uint unused;
+};
+struct Vertex {
+    float high_x;
+    float high_y;
+    float high_z;
+    float low_x;
+    float low_y;
+    float low_z;
+    uint front;
+    uint back;
+    float normal_x;
+    float normal_y;
+    float normal_z;
+    float unused;
+};
+struct Chunk {
+    vec3 center_high;
+    uint first_index;
+    vec3 center_low;
+    uint index_count;
+    vec3 half_sides;
+    uint unused;
+};
+struct Axes {
+    vec3 right;
+    vec3 up;
+    vec3 forward;
+    bool is_top;
+};
+struct Outline {
+    vec3 corners[3];
+    vec3 sides[3];
+    float volume;
+};
+struct Ready {
+    vec4 sides[3];
+    vec4 plane;
+    float least;
+    float greatest;
+    uint id;
+    uint unused;
+};
+struct Tile {
+    vec4 ends;
+    uvec2 first;
+    Axes axes;
+};
+const uint GROUP = 64u;
+const uint STRIPS = 2u;
+const uint HIGH = 16u;
+const uint LIST = 512u;
+const uint ROUND = 256u;
+const uint NOBODY = 4294967295u;
+const float NEAREST = 3e38;
+
+layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
+
+layout(std140, binding = 1) uniform Settings_block_1Compute { Settings _group_1_binding_1_cs; };
+
+layout(std430, binding = 2) readonly buffer type_6_block_2Compute { View _group_1_binding_2_cs[]; };
+
+layout(std430, binding = 3) readonly buffer type_9_block_3Compute { Chunk _group_1_binding_3_cs[]; };
+
+layout(std430, binding = 12) readonly buffer type_10_block_4Compute { uint _group_1_binding_12_cs[]; };
+
+layout(std430, binding = 13) buffer type_12_block_5Compute { uint _group_1_binding_13_cs[]; };
+
+layout(std430, binding = 14) buffer type_12_block_6Compute { uint _group_1_binding_14_cs[]; };
+
+layout(std430, binding = 15) readonly buffer type_13_block_7Compute { Vertex _group_1_binding_15_cs[]; };
+
+layout(std430, binding = 16) readonly buffer type_10_block_8Compute { uint _group_1_binding_16_cs[]; };
+
+layout(std430, binding = 25) buffer type_14_block_9Compute { float _group_1_binding_25_cs[]; };
+
+layout(binding = 0,r32ui) writeonly uniform uimage2DArray _group_1_binding_29_cs;
+
+vec4 depths[2] = vec4[2](vec4(0.0), vec4(0.0));
+
+uvec4 ids[2] = uvec4[2](uvec4(0u), uvec4(0u));
+
+shared uint numbers[512];
+
+shared float bounds[512];
+
+shared uint sorted[512];
+
+shared uint listed;
+
+shared uint listed_now;
+
+shared uint chosen;
+
+shared Ready ready[64];
+
+shared uint ready_count;
+
+shared uint farthest;
+
+
+vec3 relative(View v, vec3 high, vec3 low) {
+    return ((high - v.eye_high) + (low - v.eye_low));
+}
+
+vec3 in_frame(View v_1, vec3 r) {
+    float x_2 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y_2 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
+    float snap = (v_1.tolerance + ((abs(x_2) + abs(y_2)) * 9.536743e-7));
+    return vec3(x_2, y_2, ((abs(z) <= snap) ? 0.0 : z));
+}
+
+vec3 on_face(View v_2, vec3 p) {
+    return vec3((((v_2.clip_x.x * p.x) + (v_2.clip_x.y * p.y)) + (v_2.clip_x.z * p.z)), (((v_2.clip_y.x * p.x) + (v_2.clip_y.y * p.y)) + (v_2.clip_y.z * p.z)), (((v_2.clip_w.x * p.x) + (v_2.clip_w.y * p.y)) + (v_2.clip_w.z * p.z)));
+}
+
+vec4 clip_position(View v_3, vec3 high_1, vec3 low_1) {
+    vec3 _e3 = relative(v_3, high_1, low_1);
+    vec3 _e4 = in_frame(v_3, _e3);
+    vec3 _e5 = on_face(v_3, _e4);
+    return vec4(_e5.x, _e5.y, v_3.near, _e5.z);
+}
+
+vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
+    vec3 _e4 = relative(v_4, high_2, low_2);
+    float height_1 = (((normal.x * _e4.x) + (normal.y * _e4.y)) + (normal.z * _e4.z));
+    vec3 n_2 = vec3((((v_4.tangent.x * normal.x) + (v_4.tangent.y * normal.y)) + (v_4.tangent.z * normal.z)), (((v_4.bitangent.x * normal.x) + (v_4.bitangent.y * normal.y)) + (v_4.bitangent.z * normal.z)), (((v_4.normal.x * normal.x) + (v_4.normal.y * normal.y)) + (v_4.normal.z * normal.z)));
+    vec3 _e59 = on_face(v_4, n_2);
+    vec3 q = vec3(_e59.x, ((v_4.upside_down == 1u) ? -(_e59.y) : _e59.y), _e59.z);
+    float up = (0.25 * (q.y + q.z));
+    vec3 coefficients = ((v_4.face == 0u) ? q : vec3(q.x, up, (up + q.z)));
+    float error = ((((abs(_e4.x) + abs(_e4.y)) + abs(_e4.z)) * 2.3841858e-7) / abs(height_1));
+    return vec4((coefficients * (v_4.near / height_1)), error);
+}
+
+float depth_of(View v_5, vec4 plane, vec4 position) {
+    uint _e8 = _group_1_binding_1_cs.resolution;
+    float x_3 = (((2.0 * position.x) / float(_e8)) - 1.0);
+    float y_3 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_3, fma(plane.y, y_3, plane.z)), 1.0);
+    return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
+}
+
+float behind(vec4 plane_1, float depth) {
+    return (depth * (0.9999981 - min(plane_1.w, 0.0009765625)));
+}
+
+float dot_fused(vec3 a, vec3 b) {
+    return fma(a.x, b.x, fma(a.y, b.y, (a.z * b.z)));
+}
+
+vec3 cross_fused(vec3 a_1, vec3 b_1) {
+    return vec3(fma(a_1.y, b_1.z, -((a_1.z * b_1.y))), fma(a_1.z, b_1.x, -((a_1.x * b_1.z))), fma(a_1.x, b_1.y, -((a_1.y * b_1.x))));
+}
+
+vec3 high_of(Vertex c) {
+    return vec3(c.high_x, c.high_y, c.high_z);
+}
+
+vec3 low_of(Vertex c_1) {
+    return vec3(c_1.low_x, c_1.low_y, c_1.low_z);
+}
+
+float side_of(vec3 edge, vec3 direction) {
+    float _e2 = dot_fused(edge, direction);
+    float first_1 = ((edge.x != 0.0) ? edge.x : ((edge.y != 0.0) ? edge.y : edge.z));
+    return ((_e2 == 0.0) ? first_1 : _e2);
+}
+
+Axes axes_of(View v_6) {
+    bool is_top = (v_6.face == 0u);
+    vec3 up_1 = (is_top ? v_6.clip_y : (0.5 * (v_6.clip_y + v_6.clip_w)));
+    return Axes((((v_6.clip_x.x * v_6.tangent) + (v_6.clip_x.y * v_6.bitangent)) + (v_6.clip_x.z * v_6.normal)), (((up_1.x * v_6.tangent) + (up_1.y * v_6.bitangent)) + (up_1.z * v_6.normal)), (((v_6.clip_w.x * v_6.tangent) + (v_6.clip_w.y * v_6.bitangent)) + (v_6.clip_w.z * v_6.normal)), is_top);
+}
+
+vec3 along(Axes a_2, vec3 d) {
+    float _e3 = dot_fused(a_2.right, d);
+    float _e5 = dot_fused(a_2.up, d);
+    float _e7 = dot_fused(a_2.forward, d);
+    return vec3(_e3, _e5, _e7);
+}
+
+float height_of(Axes a_3, vec3 p_1) {
+    return (a_3.is_top ? p_1.z : p_1.y);
+}
+
+vec3 with_height(Axes a_4, vec3 p_2, float height) {
+    return (a_4.is_top ? vec3(p_2.xy, height) : vec3(p_2.x, height, p_2.z));
+}
+
+vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
+    vec3 _e3 = high_of(c_2);
+    vec3 _e6 = low_of(c_2);
+    vec3 _e10 = along(a_5, ((_e3 - v_7.eye_high) + (_e6 - v_7.eye_low)));
+    float _e11 = height_of(a_5, _e10);
+    float snap_1 = fma((abs(_e10.x) + abs((a_5.is_top ? _e10.y : _e10.z))), 9.536743e-7, v_7.tolerance);
+    vec3 _e27 = with_height(a_5, _e10, ((abs(_e11) <= snap_1) ? 0.0 : _e11));
+    return _e27;
+}
+
+vec3 side_on(Axes a_6, Vertex c_3, Vertex d_1, vec3 from_place, vec3 to_place) {
+    bool local_3 = false;
+    vec3 _e5 = high_of(d_1);
+    vec3 _e6 = high_of(c_3);
+    vec3 _e8 = low_of(d_1);
+    vec3 _e9 = low_of(c_3);
+    vec3 _e12 = along(a_6, ((_e5 - _e6) + (_e8 - _e9)));
+    float _e13 = height_of(a_6, from_place);
+    float _e14 = height_of(a_6, to_place);
+    float _e15 = height_of(a_6, _e12);
+    if (!((_e13 == 0.0))) {
+        local_3 = (_e14 == 0.0);
+    } else {
+        local_3 = true;
+    }
+    bool _e25 = local_3;
+    vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
+    return _e27;
+}
+
+Outline outline(View v_8, Axes axes, Vertex a_7, Vertex b_2, Vertex c_4) {
+    vec3 _e5 = corner_on(v_8, axes, a_7);
+    vec3 _e6 = corner_on(v_8, axes, b_2);
+    vec3 _e7 = corner_on(v_8, axes, c_4);
+    vec3 _e8 = side_on(axes, a_7, b_2, _e5, _e6);
+    vec3 _e9 = side_on(axes, b_2, c_4, _e6, _e7);
+    vec3 _e10 = side_on(axes, c_4, a_7, _e7, _e5);
+    vec3 _e11 = cross_fused(_e8, _e9);
+    float _e12 = dot_fused(_e11, _e5);
+    float turn = ((_e12 > 0.0) ? 1.0 : -1.0);
+    vec3 _e19 = cross_fused((_e5 + _e6), _e8);
+    vec3 _e22 = cross_fused((_e6 + _e7), _e9);
+    vec3 _e25 = cross_fused((_e7 + _e5), _e10);
+    vec3 sides[3] = vec3[3]((turn * _e19), (turn * _e22), (turn * _e25));
+    return Outline(vec3[3](_e5, _e6, _e7), sides, _e12);
+}
+
+Tile tile_of(View v_9, uvec2 group_2) {
+    uint n_3 = _group_1_binding_1_cs.resolution;
+    uvec2 first_2 = (group_2 * uvec2(32u, 16u));
+    uvec2 last = min((first_2 + uvec2(31u, 15u)), (uvec2(n_3, v_9.rows) - uvec2(1u)));
+    ivec2 shift = ivec2(uvec2(n_3, ((v_9.face == 0u) ? n_3 : 0u)));
+    vec2 a_8 = vec2((ivec2(((2u * first_2) + uvec2(1u))) - shift));
+    vec2 b_3 = vec2((ivec2(((2u * last) + uvec2(1u))) - shift));
+    Axes _e43 = axes_of(v_9);
+    return Tile(vec4(a_8, b_3), first_2, _e43);
+}
+
+float bound_of(View v_10, Tile tile, Chunk chunk) {
+    bool local_4 = false;
+    uint _e5 = _group_1_binding_1_cs.resolution;
+    float n_4 = float(_e5);
+    Axes axes_1 = tile.axes;
+    vec3 _e15 = along(axes_1, ((chunk.center_high - v_10.eye_high) + (chunk.center_low - v_10.eye_low)));
+    vec3 h = chunk.half_sides;
+    vec3 a_9 = (h.x * vec3(axes_1.right.x, axes_1.up.x, axes_1.forward.x));
+    vec3 b_4 = (h.y * vec3(axes_1.right.y, axes_1.up.y, axes_1.forward.y));
+    vec3 d_2 = (h.z * vec3(axes_1.right.z, axes_1.up.z, axes_1.forward.z));
+    float margin = (v_10.tolerance + (4e-6 * (((((abs(_e15.x) + abs(_e15.y)) + abs(_e15.z)) + h.x) + h.y) + h.z)));
+    vec4 left = vec4(((n_4 * _e15.xy) - (tile.ends.xy * _e15.z)), ((tile.ends.zw * _e15.z) - (n_4 * _e15.xy)));
+    vec4 reach = ((abs(vec4(((n_4 * a_9.xy) - (tile.ends.xy * a_9.z)), ((tile.ends.zw * a_9.z) - (n_4 * a_9.xy)))) + abs(vec4(((n_4 * b_4.xy) - (tile.ends.xy * b_4.z)), ((tile.ends.zw * b_4.z) - (n_4 * b_4.xy))))) + abs(vec4(((n_4 * d_2.xy) - (tile.ends.xy * d_2.z)), ((tile.ends.zw * d_2.z) - (n_4 * d_2.xy)))));
+    float deep = (((abs(a_9.z) + abs(b_4.z)) + abs(d_2.z)) + margin);
+    if (!(any(lessThan((left + reach), vec4(((-2.0 * n_4) * margin)))))) {
+        local_4 = ((_e15.z + deep) < 0.0);
+    } else {
+        local_4 = true;
+    }
+    bool _e151 = local_4;
+    if (_e151) {
+        return -1.0;
+    }
+    float nearest = (_e15.z - deep);
+    return ((nearest > margin) ? ((v_10.near / nearest) * 1.00001) : NEAREST);
+}
+
+uint list(uint local_5, View v_11, Tile tile_1, uint from_number) {
+    uint first = 0u;
+    uint number = 0u;
+    bool local_6 = false;
+    uint i_1 = 0u;
+    uint rank = 0u;
+    uint k_1 = 0u;
+    bool local_7 = false;
+    bool local_8 = false;
+    if ((local_5 == 0u)) {
+        atomicExchange(listed, 0u);
+    }
+    memoryBarrierShared();
+    barrier();
+    uint _e9 = atomicOr(farthest, 0u);
+    float far = uintBitsToFloat(_e9);
+    first = from_number;
+    while(true) {
+        uint _e12 = first;
+        uint _e17 = _group_1_binding_1_cs.chunk_count;
+        uint end = min((_e12 + ROUND), _e17);
+        uint _e19 = first;
+        number = (_e19 + local_5);
+        bool loop_init = true;
+        while(true) {
+            if (!loop_init) {
+                uint _e38 = number;
+                number = (_e38 + GROUP);
+            }
+            loop_init = false;
+            uint _e22 = number;
+            if ((_e22 < end)) {
+            } else {
+                break;
+            }
+            {
+                uint _e25 = number;
+                Chunk _e27 = _group_1_binding_3_cs[_e25];
+                float _e28 = bound_of(v_11, tile_1, _e27);
+                if ((_e28 >= far)) {
+                    uint _e32 = atomicAdd(listed, 1u);
+                    uint _e35 = number;
+                    numbers[_e32] = _e35;
+                    bounds[_e32] = _e28;
+                }
+            }
+        }
+        first = end;
+        memoryBarrierShared();
+        barrier();
+        if ((local_5 == 0u)) {
+            uint _e45 = atomicOr(listed, 0u);
+            listed_now = _e45;
+        }
+        memoryBarrierShared();
+        barrier();
+        uint _e47 = listed_now;
+        memoryBarrierShared();
+        barrier();
+        if (!((_e47 > 256u))) {
+            uint _e53 = first;
+            uint _e56 = _group_1_binding_1_cs.chunk_count;
+            local_6 = (_e53 >= _e56);
+        } else {
+            local_6 = true;
+        }
+        bool _e59 = local_6;
+        if (_e59) {
+            break;
+        }
+    }
+    i_1 = local_5;
+    bool loop_init_1 = true;
+    while(true) {
+        if (!loop_init_1) {
+            uint _e109 = i_1;
+            i_1 = (_e109 + GROUP);
+        }
+        loop_init_1 = false;
+        uint _e61 = i_1;
+        uint _e63 = listed_now;
+        if ((_e61 < _e63)) {
+        } else {
+            break;
+        }
+        {
+            uint _e66 = i_1;
+            float mine = bounds[_e66];
+            rank = 0u;
+            k_1 = 0u;
+            bool loop_init_2 = true;
+            while(true) {
+                if (!loop_init_2) {
+                    uint _e103 = k_1;
+                    k_1 = (_e103 + 1u);
+                }
+                loop_init_2 = false;
+                uint _e73 = k_1;
+                uint _e75 = listed_now;
+                if ((_e73 < _e75)) {
+                } else {
+                    break;
+                }
+                {
+                    uint _e77 = rank;
+                    uint _e79 = k_1;
+                    float _e81 = bounds[_e79];
+                    if (!((_e81 > mine))) {
+                        uint _e87 = k_1;
+                        float _e89 = bounds[_e87];
+                        if ((_e89 == mine)) {
+                            uint _e93 = k_1;
+                            uint _e94 = i_1;
+                            local_8 = (_e93 < _e94);
+                        } else {
+                            local_8 = false;
+                        }
+                        bool _e97 = local_8;
+                        local_7 = _e97;
+                    } else {
+                        local_7 = true;
+                    }
+                    bool _e99 = local_7;
+                    rank = (_e77 + uint(_e99));
+                }
+            }
+            uint _e106 = rank;
+            uint _e108 = i_1;
+            sorted[_e106] = _e108;
+        }
+    }
+    memoryBarrierShared();
+    barrier();
+    uint _e112 = first;
+    return _e112;
+}
+
+vec3 greatest_in(Tile tile_2, vec3 along_1, float n) {
+    return vec3(mix(tile_2.ends.xy, tile_2.ends.zw, greaterThan(along_1.xy, vec2(0.0))), n);
+}
+
+void prepare(View v_12, Tile tile_3, uint number_1) {
+    bool local_9 = false;
+    bool local_10 = false;
+    bool local_11 = false;
+    Ready found = Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u);
+    uint k_2 = 0u;
+    uint _e5 = _group_1_binding_1_cs.resolution;
+    float n_5 = float(_e5);
+    uint _e12 = _group_1_binding_16_cs[(3u * number_1)];
+    Vertex a_10 = _group_1_binding_15_cs[_e12];
+    if (!((a_10.front == v_12.emitter))) {
+        local_9 = (a_10.back == v_12.emitter);
+    } else {
+        local_9 = true;
+    }
+    bool _e25 = local_9;
+    if (_e25) {
+        return;
+    }
+    uint _e33 = _group_1_binding_16_cs[((3u * number_1) + 1u)];
+    Vertex b_5 = _group_1_binding_15_cs[_e33];
+    uint _e43 = _group_1_binding_16_cs[((3u * number_1) + 2u)];
+    Vertex c_5 = _group_1_binding_15_cs[_e43];
+    Outline _e47 = outline(v_12, tile_3.axes, a_10, b_5, c_5);
+    vec3 p_3 = _e47.corners[0];
+    vec3 q_1 = _e47.corners[1];
+    vec3 r_1 = _e47.corners[2];
+    float slack = (-1e-5 * n_5);
+    vec4 all_ = max(max(vec4(((n_5 * p_3.xy) - (tile_3.ends.xy * p_3.z)), ((tile_3.ends.zw * p_3.z) - (n_5 * p_3.xy))), vec4(((n_5 * q_1.xy) - (tile_3.ends.xy * q_1.z)), ((tile_3.ends.zw * q_1.z) - (n_5 * q_1.xy)))), vec4(((n_5 * r_1.xy) - (tile_3.ends.xy * r_1.z)), ((tile_3.ends.zw * r_1.z) - (n_5 * r_1.xy))));
+    vec3 extent = max(max(abs(p_3), abs(q_1)), abs(r_1));
+    float deepest = max(max(p_3.z, q_1.z), r_1.z);
+    bool is_beyond = any(lessThan(all_, vec4((slack * ((extent.x + extent.y) + extent.z)))));
+    if (!(is_beyond)) {
+        local_10 = (deepest <= 0.0);
+    } else {
+        local_10 = true;
+    }
+    bool _e128 = local_10;
+    if (!(_e128)) {
+        local_11 = (_e47.volume == 0.0);
+    } else {
+        local_11 = true;
+    }
+    bool _e136 = local_11;
+    if (_e136) {
+        return;
+    }
+    bool loop_init_3 = true;
+    while(true) {
+        if (!loop_init_3) {
+            uint _e163 = k_2;
+            k_2 = (_e163 + 1u);
+        }
+        loop_init_3 = false;
+        uint _e140 = k_2;
+        if ((_e140 < 3u)) {
+        } else {
+            break;
+        }
+        {
+            uint _e144 = k_2;
+            vec3 side_1 = _e47.sides[_e144];
+            uint _e147 = k_2;
+            float _e151 = side_of(side_1, vec3(0.0));
+            found.sides[_e147] = vec4(side_1, ((_e151 > 0.0) ? 1.0 : 0.0));
+            vec3 _e158 = greatest_in(tile_3, side_1, n_5);
+            float _e159 = dot_fused(side_1, _e158);
+            if ((_e159 < 0.0)) {
+                return;
+            }
+        }
+    }
+    found.id = ((_e47.volume > 0.0) ? a_10.back : a_10.front);
+    vec3 normal_1 = vec3(a_10.normal_x, a_10.normal_y, a_10.normal_z);
+    vec3 _e176 = high_of(a_10);
+    vec3 _e177 = low_of(a_10);
+    vec3 _e178 = relative(v_12, _e176, _e177);
+    float height_2 = (((normal_1.x * _e178.x) + (normal_1.y * _e178.y)) + (normal_1.z * _e178.z));
+    float scale = ((height_2 == 0.0) ? 0.0 : (v_12.near / (height_2 * n_5)));
+    float error_1 = ((((abs(_e178.x) + abs(_e178.y)) + abs(_e178.z)) * 2.3841858e-7) / abs(height_2));
+    float _e211 = behind(vec4(error_1), 1.0);
+    uint _e213 = found.id;
+    uint _e216 = _group_1_binding_1_cs.patch_count;
+    float factor = ((_e213 == _e216) ? _e211 : 1.0);
+    vec3 _e222 = along(tile_3.axes, normal_1);
+    found.plane = vec4((scale * _e222), factor);
+    float shallowest = min(min(p_3.z, q_1.z), r_1.z);
+    found.least = ((v_12.near / deepest) * 0.999999);
+    found.greatest = ((shallowest > 0.0) ? min(((v_12.near / shallowest) * 1.000001), 1.0) : 1.0);
+    vec4 _e247 = found.plane;
+    vec4 _e250 = found.plane;
+    vec3 _e252 = greatest_in(tile_3, _e250.xyz, n_5);
+    float _e253 = dot_fused(_e247.xyz, _e252);
+    float _e255 = found.least;
+    float _e257 = found.greatest;
+    uint _e261 = atomicOr(farthest, 0u);
+    if (((clamp(_e253, _e255, _e257) * factor) < uintBitsToFloat(_e261))) {
+        return;
+    }
+    uint _e267 = atomicAdd(ready_count, 1u);
+    Ready _e269 = found;
+    ready[_e267] = _e269;
+    return;
+}
+
+bvec4 is_inside(vec4 side, vec4 x, float y, float n_1) {
+    vec4 product = fma(vec4(side.x), x, vec4(fma(side.y, y, (side.z * n_1))));
+    return bvec4(greaterThan(product, vec4(0.0)).x || bvec4(equal(product, vec4(0.0)).x && bvec4((side.w != 0.0)).x, equal(product, vec4(0.0)).y && bvec4((side.w != 0.0)).y, equal(product, vec4(0.0)).z && bvec4((side.w != 0.0)).z, equal(product, vec4(0.0)).w && bvec4((side.w != 0.0)).w).x, greaterThan(product, vec4(0.0)).y || bvec4(equal(product, vec4(0.0)).x && bvec4((side.w != 0.0)).x, equal(product, vec4(0.0)).y && bvec4((side.w != 0.0)).y, equal(product, vec4(0.0)).z && bvec4((side.w != 0.0)).z, equal(product, vec4(0.0)).w && bvec4((side.w != 0.0)).w).y, greaterThan(product, vec4(0.0)).z || bvec4(equal(product, vec4(0.0)).x && bvec4((side.w != 0.0)).x, equal(product, vec4(0.0)).y && bvec4((side.w != 0.0)).y, equal(product, vec4(0.0)).z && bvec4((side.w != 0.0)).z, equal(product, vec4(0.0)).w && bvec4((side.w != 0.0)).w).z, greaterThan(product, vec4(0.0)).w || bvec4(equal(product, vec4(0.0)).x && bvec4((side.w != 0.0)).x, equal(product, vec4(0.0)).y && bvec4((side.w != 0.0)).y, equal(product, vec4(0.0)).z && bvec4((side.w != 0.0)).z, equal(product, vec4(0.0)).w && bvec4((side.w != 0.0)).w).w);
+}
+
+void test(vec4 x_1, float y_1) {
+    uint i_2 = 0u;
+    uint k_3 = 0u;
+    uint _e4 = _group_1_binding_1_cs.resolution;
+    float n_6 = float(_e4);
+    uint count = atomicOr(ready_count, 0u);
+    bool loop_init_4 = true;
+    while(true) {
+        if (!loop_init_4) {
+            uint _e90 = i_2;
+            i_2 = (_e90 + 1u);
+        }
+        loop_init_4 = false;
+        uint _e10 = i_2;
+        if ((_e10 < count)) {
+        } else {
+            break;
+        }
+        {
+            uint _e13 = i_2;
+            Ready t = ready[_e13];
+            k_3 = 0u;
+            bool loop_init_5 = true;
+            while(true) {
+                if (!loop_init_5) {
+                    uint _e87 = k_3;
+                    k_3 = (_e87 + 1u);
+                }
+                loop_init_5 = false;
+                uint _e18 = k_3;
+                if ((_e18 < STRIPS)) {
+                } else {
+                    break;
+                }
+                {
+                    uint _e21 = k_3;
+                    float down = (y_1 + (16.0 * float(_e21)));
+                    bvec4 _e28 = is_inside(t.sides[0], x_1, down, n_6);
+                    bvec4 _e31 = is_inside(t.sides[1], x_1, down, n_6);
+                    bvec4 _e35 = is_inside(t.sides[2], x_1, down, n_6);
+                    bvec4 inside = bvec4(bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).x && _e35.x, bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).y && _e35.y, bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).z && _e35.z, bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).w && _e35.w);
+                    vec4 plane_2 = fma(vec4(t.plane.x), x_1, vec4(fma(t.plane.y, down, (t.plane.z * n_6))));
+                    vec4 depth_2 = (clamp(plane_2, vec4(t.least), vec4(t.greatest)) * t.plane.w);
+                    uint _e57 = k_3;
+                    vec4 best = depths[_e57];
+                    uint _e65 = k_3;
+                    uvec4 _e67 = ids[_e65];
+                    bvec4 nearer = bvec4(inside.x && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).x, inside.y && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).y, inside.z && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).z, inside.w && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).w);
+                    uint _e73 = k_3;
+                    depths[_e73] = mix(best, depth_2, nearer);
+                    uint _e77 = k_3;
+                    uint _e80 = k_3;
+                    uvec4 _e82 = ids[_e80];
+                    ids[_e77] = mix(_e82, uvec4(t.id), nearer);
+                }
+            }
+        }
+    }
+    return;
+}
+
+uint choose(uint place) {
+    uint _e2 = atomicOr(listed, 0u);
+    if ((place >= _e2)) {
+        return NOBODY;
+    }
+    uint i_4 = sorted[place];
+    uint _e10 = numbers[i_4];
+    float _e14 = bounds[i_4];
+    uint _e16 = atomicOr(farthest, 0u);
+    return ((_e14 < uintBitsToFloat(_e16)) ? NOBODY : _e10);
+}
+
+void draw(uint local_12, View v_13, Tile tile_4) {
+    uint k_4 = 0u;
+    uint next = 0u;
+    uint place_1 = 0u;
+    uint part = 0u;
+    vec4 least = vec4(0.0);
+    uint k_5 = 0u;
+    uint n_7 = _group_1_binding_1_cs.resolution;
+    uvec2 at = (tile_4.first + uvec2((4u * (local_12 % 8u)), (local_12 / 8u)));
+    vec4 x_4 = (vec4((tile_4.ends.x + float((8u * (local_12 % 8u))))) + vec4(0.0, 2.0, 4.0, 6.0));
+    float y_4 = (tile_4.ends.y + float((2u * (local_12 / 8u))));
+    bool loop_init_6 = true;
+    while(true) {
+        if (!loop_init_6) {
+            uint _e80 = k_4;
+            k_4 = (_e80 + 1u);
+        }
+        loop_init_6 = false;
+        uint _e40 = k_4;
+        if ((_e40 < STRIPS)) {
+        } else {
+            break;
+        }
+        {
+            uint _e45 = k_4;
+            bvec4 is_beyond_1 = bvec4(bvec4(((at.y + (8u * _e45)) >= v_13.rows)).x || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).x, bvec4(((at.y + (8u * _e45)) >= v_13.rows)).y || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).y, bvec4(((at.y + (8u * _e45)) >= v_13.rows)).z || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).z, bvec4(((at.y + (8u * _e45)) >= v_13.rows)).w || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).w);
+            uint _e63 = k_4;
+            depths[_e63] = mix(vec4(0.0), vec4(3e38), is_beyond_1);
+            uint _e71 = k_4;
+            uint _e75 = _group_1_binding_1_cs.patch_count;
+            ids[_e71] = uvec4((_e75 + 1u));
+        }
+    }
+    if ((local_12 == 0u)) {
+        atomicExchange(farthest, 0u);
+    }
+    while(true) {
+        uint _e88 = next;
+        uint _e91 = _group_1_binding_1_cs.chunk_count;
+        if ((_e88 < _e91)) {
+        } else {
+            break;
+        }
+        {
+            uint _e93 = next;
+            uint _e94 = list(local_12, v_13, tile_4, _e93);
+            next = _e94;
+            place_1 = 0u;
+            while(true) {
+                if ((local_12 == 0u)) {
+                    uint _e100 = place_1;
+                    uint _e101 = choose(_e100);
+                    chosen = _e101;
+                }
+                memoryBarrierShared();
+                barrier();
+                uint _e103 = chosen;
+                memoryBarrierShared();
+                barrier();
+                if ((_e103 == NOBODY)) {
+                    break;
+                }
+                uint _e107 = place_1;
+                place_1 = (_e107 + 1u);
+                uint _e112 = _group_1_binding_3_cs[_e103].first_index;
+                uint first_3 = (_e112 / 3u);
+                uint _e118 = _group_1_binding_3_cs[_e103].index_count;
+                uint count_1 = (_e118 / 3u);
+                part = 0u;
+                bool loop_init_7 = true;
+                while(true) {
+                    if (!loop_init_7) {
+                        uint _e135 = part;
+                        part = (_e135 + GROUP);
+                    }
+                    loop_init_7 = false;
+                    uint _e123 = part;
+                    if ((_e123 < count_1)) {
+                    } else {
+                        break;
+                    }
+                    {
+                        if ((local_12 == 0u)) {
+                            atomicExchange(ready_count, 0u);
+                        }
+                        memoryBarrierShared();
+                        barrier();
+                        uint _e129 = part;
+                        if (((_e129 + local_12) < count_1)) {
+                            uint _e132 = part;
+                            prepare(v_13, tile_4, ((first_3 + _e132) + local_12));
+                        }
+                        memoryBarrierShared();
+                        barrier();
+                        test(x_4, y_4);
+                        memoryBarrierShared();
+                        barrier();
+                    }
+                }
+                if ((local_12 == 0u)) {
+                    atomicExchange(farthest, 2130706432u);
+                }
+                memoryBarrierShared();
+                barrier();
+                vec4 _e144 = depths[0];
+                least = _e144;
+                k_5 = 1u;
+                bool loop_init_8 = true;
+                while(true) {
+                    if (!loop_init_8) {
+                        uint _e158 = k_5;
+                        k_5 = (_e158 + 1u);
+                    }
+                    loop_init_8 = false;
+                    uint _e148 = k_5;
+                    if ((_e148 < STRIPS)) {
+                    } else {
+                        break;
+                    }
+                    {
+                        vec4 _e151 = least;
+                        uint _e153 = k_5;
+                        vec4 _e155 = depths[_e153];
+                        least = min(_e151, _e155);
+                    }
+                }
+                float _e161 = least.x;
+                float _e163 = least.y;
+                float _e166 = least.z;
+                float _e168 = least.w;
+                float of_all = min(min(_e161, _e163), min(_e166, _e168));
+                uint _e173 = atomicMin(farthest, floatBitsToUint(of_all));
+                memoryBarrierShared();
+                barrier();
+            }
+        }
+    }
+    return;
+}
+
+void add(uint layer, uint id, uint weight) {
+    bool local_13 = false;
+    uint _e6 = _group_1_binding_1_cs.patch_count;
+    uint _e12 = atomicAdd(_group_1_binding_13_cs[((layer * (_e6 + 2u)) + id)], weight);
+    if ((_e12 == 0u)) {
+        uint _e19 = _group_1_binding_1_cs.patch_count;
+        local_13 = (id < _e19);
+    } else {
+        local_13 = false;
+    }
+    bool _e22 = local_13;
+    if (_e22) {
+        uint _e26 = _group_1_binding_1_cs.word_count;
+        uint _e36 = atomicOr(_group_1_binding_14_cs[((layer * _e26) + (id / 32u))], (1u << (id % 32u)));
+        return;
+    } else {
+        return;
+    }
+}
+
+void add_up(uint local_14, View v_14, Tile tile_5) {
+    uint k_6 = 0u;
+    bool local_15 = false;
+    uvec4 rest = uvec4(0u);
+    uint i_3 = 0u;
+    uint n_8 = _group_1_binding_1_cs.resolution;
+    bool loop_init_9 = true;
+    while(true) {
+        if (!loop_init_9) {
+            uint _e107 = k_6;
+            k_6 = (_e107 + 1u);
+        }
+        loop_init_9 = false;
+        uint _e8 = k_6;
+        if ((_e8 < STRIPS)) {
+        } else {
+            break;
+        }
+        {
+            uint _e19 = k_6;
+            uvec2 at_1 = (tile_5.first + uvec2((4u * (local_14 % 8u)), ((local_14 / 8u) + (8u * _e19))));
+            if ((at_1.x < n_8)) {
+                local_15 = (at_1.y < v_14.rows);
+            } else {
+                local_15 = false;
+            }
+            bool _e32 = local_15;
+            if (_e32) {
+                uint pixel = (((v_14.first_row + at_1.y) * n_8) + at_1.x);
+                uint _e41 = _group_1_binding_12_cs[pixel];
+                uint _e46 = _group_1_binding_12_cs[(pixel + 1u)];
+                uint _e51 = _group_1_binding_12_cs[(pixel + 2u)];
+                uint _e56 = _group_1_binding_12_cs[(pixel + 3u)];
+                rest = uvec4(_e41, _e46, _e51, _e56);
+                i_3 = 0u;
+                bool loop_init_10 = true;
+                while(true) {
+                    if (!loop_init_10) {
+                        uint _e104 = i_3;
+                        i_3 = (_e104 + 1u);
+                    }
+                    loop_init_10 = false;
+                    uint _e61 = i_3;
+                    if ((_e61 < 4u)) {
+                    } else {
+                        break;
+                    }
+                    {
+                        uint _e64 = i_3;
+                        uint _e66 = rest[_e64];
+                        if ((_e66 != 0u)) {
+                            uint _e70 = k_6;
+                            uvec4 _e72 = ids[_e70];
+                            uint _e74 = k_6;
+                            uint _e76 = i_3;
+                            uint _e78 = ids[_e74][_e76];
+                            bvec4 same = equal(_e72, uvec4(_e78));
+                            uvec4 _e83 = rest;
+                            uvec4 these = mix(uvec4(0u), _e83, same);
+                            uint _e87 = k_6;
+                            uint _e89 = i_3;
+                            uint _e91 = ids[_e87][_e89];
+                            add(v_14.layer, _e91, (((these.x + these.y) + these.z) + these.w));
+                            uvec4 _e99 = rest;
+                            rest = mix(_e99, uvec4(0u), same);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    return;
+}
+
+uvec2 face_of_tile(uint row) {
+    uint _e3 = _group_1_binding_1_cs.resolution;
+    uint top = (((_e3 + HIGH) - 1u) / HIGH);
+    uint _e12 = _group_1_binding_1_cs.resolution;
+    uint side_2 = ((((_e12 / 2u) + HIGH) - 1u) / HIGH);
+    if ((row < top)) {
+        return uvec2(0u, row);
+    }
+    return uvec2((1u + ((row - top) / side_2)), ((row - top) % side_2));
+}
+
+void main() {
+    if (gl_LocalInvocationID == uvec3(0u)) {
+        numbers = uint[512](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+        bounds = float[512](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        sorted = uint[512](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+        listed = 0u;
+        listed_now = 0u;
+        chosen = 0u;
+        ready = Ready[64](Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u));
+        ready_count = 0u;
+        farthest = 0u;
+    }
+    memoryBarrierShared();
+    barrier();
+    uint local_1 = gl_LocalInvocationIndex;
+    uvec3 group_1 = gl_WorkGroupID;
+    uint k = 0u;
+    bool local_2 = false;
+    uint i = 0u;
+    uvec2 _e3 = face_of_tile(group_1.y);
+    uint _e7 = _group_0_binding_0_cs.slot;
+    View v_15 = _group_1_binding_2_cs[(((_e7 + group_1.z) * 5u) + _e3.x)];
+    Tile _e19 = tile_of(v_15, uvec2(group_1.x, _e3.y));
+    draw(local_1, v_15, _e19);
+    add_up(local_1, v_15, _e19);
+    uint n_9 = _group_1_binding_1_cs.resolution;
+    bool loop_init_11 = true;
+    while(true) {
+        if (!loop_init_11) {
+            uint _e98 = k;
+            k = (_e98 + 1u);
+        }
+        loop_init_11 = false;
+        uint _e25 = k;
+        if ((_e25 < STRIPS)) {
+        } else {
+            break;
+        }
+        {
+            uint _e36 = k;
+            uvec2 at_2 = (_e19.first + uvec2((4u * (local_1 % 8u)), ((local_1 / 8u) + (8u * _e36))));
+            if ((at_2.x < n_9)) {
+                local_2 = (at_2.y < v_15.rows);
+            } else {
+                local_2 = false;
+            }
+            bool _e49 = local_2;
+            if (_e49) {
+                uint row_1 = (v_15.first_row + at_2.y);
+                i = 0u;
+                bool loop_init_12 = true;
+                while(true) {
+                    if (!loop_init_12) {
+                        uint _e95 = i;
+                        i = (_e95 + 1u);
+                    }
+                    loop_init_12 = false;
+                    uint _e55 = i;
+                    if ((_e55 < 4u)) {
+                    } else {
+                        break;
+                    }
+                    {
+                        uint _e59 = i;
+                        ivec2 there = ivec2(uvec2((at_2.x + _e59), row_1));
+                        uint _e67 = k;
+                        uint _e69 = i;
+                        uint _e71 = ids[_e67][_e69];
+                        imageStore(_group_1_binding_29_cs, ivec3(there, int(v_15.layer)), uvec4(_e71, 0u, 0u, 0u));
+                        uint _e85 = i;
+                        uint _e89 = k;
+                        uint _e91 = i;
+                        float _e93 = depths[_e89][_e91];
+                        _group_1_binding_25_cs[((((((v_15.layer * 3u) * n_9) + row_1) * n_9) + at_2.x) + _e85)] = _e93;
+                    }
+                }
+            }
+        }
+    }
+    return;
+}
+

@@ -1,0 +1,361 @@
+// Draws hemicubes by compute alone: `draw=compute`. A workgroup owns a tile of a face, and each of its threads some
+// pixels of it, with their nearest depths and ids in registers: no atomics, and the same ids in any order.
+//
+//   list chunks ▶ sort, the nearest first ▶ chunk by chunk: prepare triangles ▶ test pixels ▶ sums, ids, depths
+//
+// Edges are those of the settle stage, to the bit: a centre is in a triangle if three products say so, which two
+// triangles compute with opposite signs. Depths are of triangles' planes; of equal ones the smaller id is seen.
+//
+// Triangles are prepared one a thread, then tested one after another by all threads. Bounds on what is left out are
+// exact where they can be: rounding is monotone, so that the product at a corner of the tile bounds it in between.
+
+@group(1) @binding(3) var<storage, read> chunks: array<Chunk>;
+@group(1) @binding(12) var<storage, read> weights: array<u32>;
+@group(1) @binding(13) var<storage, read_write> visible: array<atomic<u32>>;
+@group(1) @binding(14) var<storage, read_write> touched: array<atomic<u32>>;
+@group(1) @binding(15) var<storage, read> vertices: array<Vertex>;
+@group(1) @binding(16) var<storage, read> indices: array<u32>;
+@group(1) @binding(25) var<storage, read_write> depth_copy: array<f32>;
+@group(1) @binding(29) var settled_items: texture_storage_2d_array<r32uint, write>;
+
+const GROUP: u32 = 64u;
+// Strips of 32 × 8 pixels, one below the other: four pixels of each a thread. `TILE` of src/limits.rs.
+const STRIPS: u32 = 2u;
+const HIGH: u32 = 8u * STRIPS;
+// Chunks listed at once, and how many of them a round adds at most.
+const LIST: u32 = 512u;
+const ROUND: u32 = 256u;
+const NOBODY: u32 = 0xffffffffu;
+// Nearer than any depth.
+const NEAREST: f32 = 3e38;
+
+// A triangle prepared for a tile.
+struct Ready {
+    // Planes through the eye and a side, along the face's axes, inwards. w: 1 where a centre on it is inside.
+    sides: array<vec4<f32>, 3>,
+    // The depth in a direction of the face, but for w, a factor below 1 for backs that block.
+    plane: vec4<f32>,
+    // The least and the greatest depth of the corners.
+    least: f32,
+    greatest: f32,
+    id: u32,
+    unused: u32,
+}
+
+// The directions of a tile's outermost pixel centres, in whole numbers: x, y of the first, x, y of the last.
+struct Tile {
+    ends: vec4<f32>,
+    // Its first pixel on the face.
+    first: vec2<u32>,
+    axes: Axes,
+}
+
+var<private> depths: array<vec4<f32>, STRIPS>;
+var<private> ids: array<vec4<u32>, STRIPS>;
+
+var<workgroup> numbers: array<u32, LIST>;
+var<workgroup> bounds: array<f32, LIST>;
+var<workgroup> sorted: array<u32, LIST>;
+var<workgroup> listed: atomic<u32>;
+var<workgroup> listed_now: u32;
+var<workgroup> chosen: u32;
+var<workgroup> ready: array<Ready, GROUP>;
+var<workgroup> ready_count: atomic<u32>;
+// The farthest depth of the tile: bits of floats above 0 are in their order.
+var<workgroup> farthest: atomic<u32>;
+
+fn tile_of(v: View, group: vec2<u32>) -> Tile {
+    let n = settings.resolution;
+    let first = group * vec2<u32>(32u, HIGH);
+    let last = min(first + vec2<u32>(31u, HIGH - 1u), vec2<u32>(n, v.rows) - 1u);
+    let shift = vec2<i32>(vec2<u32>(n, select(0u, n, v.face == 0u)));
+    let a = vec2<f32>(vec2<i32>(2u * first + 1u) - shift);
+    let b = vec2<f32>(vec2<i32>(2u * last + 1u) - shift);
+    return Tile(vec4<f32>(a, b), first, axes_of(v));
+}
+
+// A bound on the depths of a chunk in a tile; below 0 if it is outside.
+fn bound_of(v: View, tile: Tile, chunk: Chunk) -> f32 {
+    let n = f32(settings.resolution);
+    let axes = tile.axes;
+    let c = along(axes, (chunk.center_high - v.eye_high) + (chunk.center_low - v.eye_low));
+    let h = chunk.half_sides;
+    let a = h.x * vec3<f32>(axes.right.x, axes.up.x, axes.forward.x);
+    let b = h.y * vec3<f32>(axes.right.y, axes.up.y, axes.forward.y);
+    let d = h.z * vec3<f32>(axes.right.z, axes.up.z, axes.forward.z);
+    // More than rounding, and than corners are moved when they are put into the emitter's plane.
+    let margin = v.tolerance + 4e-6 * (abs(c.x) + abs(c.y) + abs(c.z) + h.x + h.y + h.z);
+    // The planes of the tile: left and right, below and above.
+    let left = vec4<f32>(n * c.xy - tile.ends.xy * c.z, tile.ends.zw * c.z - n * c.xy);
+    let reach = abs(vec4<f32>(n * a.xy - tile.ends.xy * a.z, tile.ends.zw * a.z - n * a.xy))
+        + abs(vec4<f32>(n * b.xy - tile.ends.xy * b.z, tile.ends.zw * b.z - n * b.xy))
+        + abs(vec4<f32>(n * d.xy - tile.ends.xy * d.z, tile.ends.zw * d.z - n * d.xy));
+    let deep = abs(a.z) + abs(b.z) + abs(d.z) + margin;
+    if (any(left + reach < vec4<f32>(-2.0 * n * margin)) || c.z + deep < 0.0) {
+        return -1.0;
+    }
+    let nearest = c.z - deep;
+    return select(NEAREST, v.near / nearest * 1.00001, nearest > margin);
+}
+
+// Lists chunks of the tile from a number on. Returns the first number left.
+fn list(local: u32, v: View, tile: Tile, from_number: u32) -> u32 {
+    if (local == 0u) {
+        atomicStore(&listed, 0u);
+    }
+    workgroupBarrier();
+    let far = bitcast<f32>(atomicLoad(&farthest));
+    var first = from_number;
+    loop {
+        let end = min(first + ROUND, settings.chunk_count);
+        for (var number = first + local; number < end; number += GROUP) {
+            let bound = bound_of(v, tile, chunks[number]);
+            if (bound >= far) {
+                let at = atomicAdd(&listed, 1u);
+                numbers[at] = number;
+                bounds[at] = bound;
+            }
+        }
+        first = end;
+        workgroupBarrier();
+        if (local == 0u) {
+            listed_now = atomicLoad(&listed);
+        }
+        let count = workgroupUniformLoad(&listed_now);
+        if (count > LIST - ROUND || first >= settings.chunk_count) {
+            break;
+        }
+    }
+    // Ranks: lists are short.
+    for (var i = local; i < listed_now; i += GROUP) {
+        let mine = bounds[i];
+        var rank = 0u;
+        for (var k = 0u; k < listed_now; k++) {
+            rank += u32(bounds[k] > mine || (bounds[k] == mine && k < i));
+        }
+        sorted[rank] = i;
+    }
+    workgroupBarrier();
+    return first;
+}
+
+// Prepares a triangle, if it may be seen in the tile.
+fn prepare(v: View, tile: Tile, number: u32) {
+    let n = f32(settings.resolution);
+    let a = vertices[indices[3u * number]];
+    if (a.front == v.emitter || a.back == v.emitter) {
+        return;
+    }
+    let b = vertices[indices[3u * number + 1u]];
+    let c = vertices[indices[3u * number + 2u]];
+    let t = outline(v, tile.axes, a, b, c);
+    let p = t.corners[0];
+    let q = t.corners[1];
+    let r = t.corners[2];
+    // All corners beyond one plane of the tile.
+    let slack = -1e-5 * n;
+    let all = max(
+        max(
+            vec4<f32>(n * p.xy - tile.ends.xy * p.z, tile.ends.zw * p.z - n * p.xy),
+            vec4<f32>(n * q.xy - tile.ends.xy * q.z, tile.ends.zw * q.z - n * q.xy),
+        ),
+        vec4<f32>(n * r.xy - tile.ends.xy * r.z, tile.ends.zw * r.z - n * r.xy),
+    );
+    let extent = max(max(abs(p), abs(q)), abs(r));
+    let deepest = max(max(p.z, q.z), r.z);
+    let is_beyond = any(all < vec4<f32>(slack * (extent.x + extent.y + extent.z)));
+    if (is_beyond || deepest <= 0.0 || t.volume == 0.0) {
+        return;
+    }
+    var found: Ready;
+    for (var k = 0u; k < 3u; k++) {
+        let side = t.sides[k];
+        found.sides[k] = vec4<f32>(side, select(0.0, 1.0, side_of(side, vec3<f32>(0.0)) > 0.0));
+        if (dot_fused(side, greatest_in(tile, side, n)) < 0.0) {
+            return;
+        }
+    }
+    found.id = select(a.front, a.back, t.volume > 0.0);
+    let normal = vec3<f32>(a.normal_x, a.normal_y, a.normal_z);
+    let from_eye = relative(v, high_of(a), low_of(a));
+    let height = normal.x * from_eye.x + normal.y * from_eye.y + normal.z * from_eye.z;
+    let scale = select(v.near / (height * n), 0.0, height == 0.0);
+    // Rounding of the corner, of the normal, and of three products each: `plane_on_face`.
+    let error = (abs(from_eye.x) + abs(from_eye.y) + abs(from_eye.z)) * 2.384185791015625e-7 / abs(height);
+    let factor = select(1.0, behind(vec4<f32>(error), 1.0), found.id == settings.patch_count);
+    found.plane = vec4<f32>(scale * along(tile.axes, normal), factor);
+    // Planes seen edge-on are too uncertain: depths stay within those of the corners.
+    let shallowest = min(min(p.z, q.z), r.z);
+    found.least = v.near / deepest * 0.999999;
+    found.greatest = select(1.0, min(v.near / shallowest * 1.000001, 1.0), shallowest > 0.0);
+    let nearest = dot_fused(found.plane.xyz, greatest_in(tile, found.plane.xyz, n));
+    if (clamp(nearest, found.least, found.greatest) * factor < bitcast<f32>(atomicLoad(&farthest))) {
+        return;
+    }
+    ready[atomicAdd(&ready_count, 1u)] = found;
+}
+
+// The corner of a tile where a product is greatest.
+fn greatest_in(tile: Tile, along: vec3<f32>, n: f32) -> vec3<f32> {
+    return vec3<f32>(select(tile.ends.xy, tile.ends.zw, along.xy > vec2<f32>(0.0)), n);
+}
+
+fn is_inside(side: vec4<f32>, x: vec4<f32>, y: f32, n: f32) -> vec4<bool> {
+    let product = fma(vec4<f32>(side.x), x, vec4<f32>(fma(side.y, y, side.z * n)));
+    return (product > vec4<f32>(0.0)) | ((product == vec4<f32>(0.0)) & vec4<bool>(side.w != 0.0));
+}
+
+// Tests a thread's pixels against the prepared triangles. x, y: the direction of its first pixel.
+fn test(x: vec4<f32>, y: f32) {
+    let n = f32(settings.resolution);
+    let count = atomicLoad(&ready_count);
+    for (var i = 0u; i < count; i++) {
+        let t = ready[i];
+        for (var k = 0u; k < STRIPS; k++) {
+            let down = y + 16.0 * f32(k);
+            let inside = is_inside(t.sides[0], x, down, n)
+                & is_inside(t.sides[1], x, down, n)
+                & is_inside(t.sides[2], x, down, n);
+            let plane = fma(vec4<f32>(t.plane.x), x, vec4<f32>(fma(t.plane.y, down, t.plane.z * n)));
+            let depth = clamp(plane, vec4<f32>(t.least), vec4<f32>(t.greatest)) * t.plane.w;
+            let best = depths[k];
+            let nearer = inside & ((depth > best) | ((depth == best) & (vec4<u32>(t.id) < ids[k])));
+            depths[k] = select(best, depth, nearer);
+            ids[k] = select(ids[k], vec4<u32>(t.id), nearer);
+        }
+    }
+}
+
+// The number of the chunk at a place of the sorted list; `NOBODY` after the last, and where all that follow are hidden.
+fn choose(place: u32) -> u32 {
+    if (place >= atomicLoad(&listed)) {
+        return NOBODY;
+    }
+    let i = sorted[place];
+    return select(numbers[i], NOBODY, bounds[i] < bitcast<f32>(atomicLoad(&farthest)));
+}
+
+fn draw(local: u32, v: View, tile: Tile) {
+    let n = settings.resolution;
+    let at = tile.first + vec2<u32>(4u * (local % 8u), local / 8u);
+    let x = tile.ends.x + f32(8u * (local % 8u)) + vec4<f32>(0.0, 2.0, 4.0, 6.0);
+    let y = tile.ends.y + f32(2u * (local / 8u));
+    for (var k = 0u; k < STRIPS; k++) {
+        // Beyond the face nothing is drawn.
+        let is_beyond = vec4<bool>(at.y + 8u * k >= v.rows) | (vec4<u32>(0u, 1u, 2u, 3u) + at.x >= vec4<u32>(n));
+        depths[k] = select(vec4<f32>(0.0), vec4<f32>(NEAREST), is_beyond);
+        ids[k] = vec4<u32>(settings.patch_count + 1u);
+    }
+    if (local == 0u) {
+        atomicStore(&farthest, 0u);
+    }
+    var next = 0u;
+    while (next < settings.chunk_count) {
+        next = list(local, v, tile, next);
+        var place = 0u;
+        loop {
+            if (local == 0u) {
+                chosen = choose(place);
+            }
+            let number = workgroupUniformLoad(&chosen);
+            if (number == NOBODY) {
+                break;
+            }
+            place++;
+            let first = chunks[number].first_index / 3u;
+            let count = chunks[number].index_count / 3u;
+            for (var part = 0u; part < count; part += GROUP) {
+                if (local == 0u) {
+                    atomicStore(&ready_count, 0u);
+                }
+                workgroupBarrier();
+                if (part + local < count) {
+                    prepare(v, tile, first + part + local);
+                }
+                workgroupBarrier();
+                test(x, y);
+                workgroupBarrier();
+            }
+            if (local == 0u) {
+                atomicStore(&farthest, 0x7f000000u);
+            }
+            workgroupBarrier();
+            var least = depths[0];
+            for (var k = 1u; k < STRIPS; k++) {
+                least = min(least, depths[k]);
+            }
+            let of_all = min(min(least.x, least.y), min(least.z, least.w));
+            atomicMin(&farthest, bitcast<u32>(of_all));
+            workgroupBarrier();
+        }
+    }
+}
+
+fn add(layer: u32, id: u32, weight: u32) {
+    let before = atomicAdd(&visible[layer * (settings.patch_count + 2u) + id], weight);
+    if (before == 0u && id < settings.patch_count) {
+        atomicOr(&touched[layer * settings.word_count + id / 32u], 1u << (id % 32u));
+    }
+}
+
+// Adds the weights of a thread's pixels; equal neighbours at once.
+fn add_up(local: u32, v: View, tile: Tile) {
+    let n = settings.resolution;
+    for (var k = 0u; k < STRIPS; k++) {
+        let at = tile.first + vec2<u32>(4u * (local % 8u), local / 8u + 8u * k);
+        if (at.x < n && at.y < v.rows) {
+            let pixel = (v.first_row + at.y) * n + at.x;
+            var rest = vec4<u32>(weights[pixel], weights[pixel + 1u], weights[pixel + 2u], weights[pixel + 3u]);
+            for (var i = 0u; i < 4u; i++) {
+                if (rest[i] != 0u) {
+                    let same = ids[k] == vec4<u32>(ids[k][i]);
+                    let these = select(vec4<u32>(0u), rest, same);
+                    add(v.layer, ids[k][i], these.x + these.y + these.z + these.w);
+                    rest = select(rest, vec4<u32>(0u), same);
+                }
+            }
+        }
+    }
+}
+
+// For rows without covered weights. Groups: tiles across, tiles of all faces down, layers.
+@compute @workgroup_size(GROUP)
+fn draw_tiles(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let face_and_row = face_of_tile(group.y);
+    let v = views[(view.slot + group.z) * 5u + face_and_row.x];
+    let tile = tile_of(v, vec2<u32>(group.x, face_and_row.y));
+    draw(local, v, tile);
+    add_up(local, v, tile);
+}
+
+// The face of a row of tiles, and its number there.
+fn face_of_tile(row: u32) -> vec2<u32> {
+    let top = (settings.resolution + HIGH - 1u) / HIGH;
+    let side = (settings.resolution / 2u + HIGH - 1u) / HIGH;
+    if (row < top) {
+        return vec2<u32>(0u, row);
+    }
+    return vec2<u32>(1u + (row - top) / side, (row - top) % side);
+}
+
+// For covered weights, and for item buffers: keeps ids and depths, too.
+@compute @workgroup_size(GROUP)
+fn keep_tiles(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let face_and_row = face_of_tile(group.y);
+    let v = views[(view.slot + group.z) * 5u + face_and_row.x];
+    let tile = tile_of(v, vec2<u32>(group.x, face_and_row.y));
+    draw(local, v, tile);
+    add_up(local, v, tile);
+    let n = settings.resolution;
+    for (var k = 0u; k < STRIPS; k++) {
+        let at = tile.first + vec2<u32>(4u * (local % 8u), local / 8u + 8u * k);
+        if (at.x < n && at.y < v.rows) {
+            let row = v.first_row + at.y;
+            for (var i = 0u; i < 4u; i++) {
+                let there = vec2<i32>(vec2<u32>(at.x + i, row));
+                textureStore(settled_items, there, i32(v.layer), vec4<u32>(ids[k][i], 0u, 0u, 0u));
+                depth_copy[(v.layer * 3u * n + row) * n + at.x + i] = depths[k][i];
+            }
+        }
+    }
+}
