@@ -136,7 +136,7 @@ impl Scene {
         settings: RenderSettings,
         options: Options,
     ) -> Result<Self, BackendError> {
-        let upload = Upload::of(geometry)?;
+        let upload = Upload::of(geometry, Draw::Raster)?;
         let plan = Plan::new(&upload, settings, limits(device, &options))?;
         let cull = options.cull_for(
             settings.culling == Culling::On,

@@ -11,6 +11,9 @@ use std::ops::Range;
 /// (`docs/dev/gpu.md`).
 pub const MOST_TRIANGLES: u32 = 256;
 
+/// The most triangles of a chunk with [`crate::Draw::Compute`]: one for each thread that prepares them.
+pub const MOST_OF_TILES: u32 = 64;
+
 /// Below this number of triangles, a software driver draws hidden ones sooner than it finds them (`docs/dev/gpu.md`).
 pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
 

@@ -13,6 +13,10 @@
 //! `reduce`, and `take_back` follows `cover`: a pixel centre near an edge goes to the triangle containing it, not to
 //! the driver's choice.
 //!
+//! With [`Draw::Compute`] no rasteriser is asked: `draw_tiles ▶ compact ▶ pack` make a row, and with covered weights
+//! `keep_tiles ▶ tiny_of_all ▶ compact ▶ cover_tiles ▶ pack`. Each thread owns pixels of a tile and keeps the nearest
+//! triangle, of equally near ones the smaller id, so that any order gives the same row. Passes are drawn.
+//!
 //! Ids are drawn by one list of indirect draws, in the order of [`Upload::chunks`], into a cleared depth buffer. The
 //! nearer depth wins; of equal depths the first drawn stays. A row therefore does not depend on culling.
 //!

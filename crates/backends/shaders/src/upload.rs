@@ -5,8 +5,8 @@
 //! chunk. That makes about one vertex a triangle instead of three, and vertices are the slow part of a software
 //! rasteriser.
 
-use crate::chunks::{self, Chunk, MOST_TRIANGLES};
-use crate::limits::Plan;
+use crate::chunks::{self, Chunk, MOST_OF_TILES, MOST_TRIANGLES};
+use crate::limits::{Draw, Plan};
 use crate::stage::binding;
 use crate::view::settings_words;
 use glam::DVec3;
@@ -44,8 +44,8 @@ pub struct Upload {
     pub merged: usize,
 }
 
-/// The upload shared by all sessions on a scene, or the reason against it.
-struct Prepared(Result<Arc<Upload>, String>);
+/// The upload shared by all sessions on a scene that take chunks of at most so many triangles, or the reason against it.
+struct Prepared<const MOST: u32>(Result<Arc<Upload>, String>);
 
 /// A triangle to draw, with the patch visible on either side.
 struct Drawn {
@@ -65,12 +65,21 @@ impl Upload {
         Self::with_chunks_of(geometry, MOST_TRIANGLES)
     }
 
-    /// Returns the upload of a scene, made once for all sessions on it.
+    /// Returns the upload of a scene, made once for all sessions on it that draw so.
     ///
     /// # Errors
     /// See [`Upload::new`].
-    pub fn of(geometry: &Geometry) -> Result<Arc<Self>, BackendError> {
-        let prepared = geometry.kept(|geometry| Prepared(Self::new(geometry).map(Arc::new).map_err(|e| e.to_string())));
+    pub fn of(geometry: &Geometry, draw: Draw) -> Result<Arc<Self>, BackendError> {
+        match draw {
+            Draw::Raster => Self::kept::<MOST_TRIANGLES>(geometry),
+            Draw::Compute => Self::kept::<MOST_OF_TILES>(geometry),
+        }
+    }
+
+    fn kept<const MOST: u32>(geometry: &Geometry) -> Result<Arc<Self>, BackendError> {
+        let made = |geometry: &Geometry| Self::with_chunks_of(geometry, MOST);
+        let prepared =
+            geometry.kept(|geometry| Prepared::<MOST>(made(geometry).map(Arc::new).map_err(|e| e.to_string())));
         prepared.0.clone().map_err(BackendError::Unsupported)
     }
 

@@ -67,7 +67,7 @@ impl Scene {
         settings: RenderSettings,
         limits: Limits,
     ) -> Result<Self, BackendError> {
-        let upload = Upload::of(geometry)?;
+        let upload = Upload::of(geometry, limits.draw)?;
         let plan = Plan::new(&upload, settings, limits)?;
         let storage = |name: &str, bytes, binding| Buffer::new(gpu, name, bytes, Place::Device, usage(binding));
         let mut buffers: Vec<Option<Buffer>> = (0..binding::COUNT).map(|_| None).collect();

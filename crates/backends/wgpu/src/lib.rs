@@ -408,7 +408,7 @@ impl HemicubeBackend for Session {
         settings.check()?;
         // The scene before makes room first.
         self.loaded = None;
-        let upload = Upload::of(geometry)?;
+        let upload = Upload::of(geometry, self.options.draw)?;
         let plan = Plan::new(&upload, settings, self.device.limits_for(settings.resolution))?;
         let store = Store::new(&self.device, geometry, &upload, &plan)?;
         let sides = [self.side(&store, &plan, &upload)?, self.side(&store, &plan, &upload)?];

@@ -183,17 +183,17 @@ fn rows_drawn_by_compute_are_the_cpu_s() {
     });
 }
 
-/// Faults of the tiles' shader, each in a word, and whether rows tell: depths of the wrong sign, sides without their
-/// ties, chunks left out at the tile's edge, pixels counted twice.
+/// Faults of the tiles' shader that keep the sum of a row: the farthest seen in place of the nearest, triangles left out
+/// by a wrong test, and pixel centres half a pixel off.
 #[test]
 fn a_wrong_shader_makes_other_rows() {
     on_a_device(|| {
         let (_, room) = scenes().swap_remove(0);
-        let hemicubes = some(&room, 24);
-        let (cpu, _) = render_with(&mut CpuBackend::new(), &room, &hemicubes, settings(256, false));
+        let hemicubes = some(&room, 6);
+        let (cpu, _) = render_with(&mut CpuBackend::new(), &room, &hemicubes, settings(64, false));
         let apart = |from, to| {
             let mut session = open_with_fault(0, TILES[0], from, to).expect("it was there");
-            let (rows, _) = render_with(&mut session, &room, &hemicubes, settings(256, false));
+            let (rows, _) = render_with(&mut session, &room, &hemicubes, settings(64, false));
             compare_rows(&rows, &cpu)
         };
         let right = apart("", "");
@@ -202,7 +202,6 @@ fn a_wrong_shader_makes_other_rows() {
             ("(depth > best)", "(depth < best)"),
             ("dot_fused(side, greatest_in(tile, side, n)) < 0.0", "side.x < 0.0"),
             ("fma(side.y, y, side.z * n)", "fma(side.y, y + 1.0, side.z * n)"),
-            ("rest = select(rest, vec4<u32>(0u), same)", "rest = rest"),
         ] {
             let wrong = apart(from, to);
             assert!(wrong.worst > EXACT_EDGES.row, "`{to}`: {wrong:?}");
