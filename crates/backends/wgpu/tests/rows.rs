@@ -156,6 +156,7 @@ fn covered_rows_do_not_depend_on_any_option() {
 const TILES: [&str; 2] = ["draw=compute", "draw=compute,group=5,batch=10"];
 
 #[test]
+#[ignore = "half a minute and more on a driver that renders on the processor: ./test --full"]
 fn rows_drawn_by_compute_do_not_depend_on_batches_or_the_run() {
     on_a_device(|| {
         for (name, model) in scenes() {
@@ -168,6 +169,7 @@ fn rows_drawn_by_compute_do_not_depend_on_batches_or_the_run() {
 }
 
 #[test]
+#[ignore = "half a minute and more on a driver that renders on the processor: ./test --full"]
 fn rows_drawn_by_compute_are_the_cpu_s() {
     on_a_device(|| {
         for (name, model) in scenes() {
