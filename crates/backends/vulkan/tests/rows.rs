@@ -37,6 +37,16 @@ fn rows_agree_with_the_cpu_backend() {
 }
 
 #[test]
+#[ignore = "a driver that renders on the processor compiles these shaders for half a minute: ./test --full"]
+fn rows_drawn_by_compute_are_the_cpu_s() {
+    if is_there("vulkan", &vulkan("")) {
+        for (name, model) in devices::scenes() {
+            devices::agrees_with_the_cpu(&vulkan, "draw=compute", name, &model, devices::EXACT_EDGES);
+        }
+    }
+}
+
+#[test]
 fn exact_edges_are_told_from_the_drivers() {
     if is_there("vulkan", &vulkan("")) {
         devices::the_drivers_edges_are_told_from_exact_ones(&vulkan);
