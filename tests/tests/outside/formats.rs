@@ -356,8 +356,8 @@ fn duckdb_finds_every_result_of_every_moment() {
         (heat, "heat"),
     ] {
         place.line(&format!("{line} -o {file}.csv -o {file}.parquet")).is(0);
-        let found = read(&python, "duckdb_table", &place.path(&format!("{file}.parquet")));
-        let text = std::fs::read_to_string(place.path(&format!("{file}.csv"))).expect("a table");
+        let found = read(&python, "duckdb_table", &place.path(format!("{file}.parquet")));
+        let text = std::fs::read_to_string(place.path(format!("{file}.csv"))).expect("a table");
         let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
         let head = lines.next().expect("a head");
         assert_eq!(found["names"], serde_json::json!(head), "{file}");

@@ -606,7 +606,12 @@ mod tests {
         assert_eq!((one_row.rows_compared, one_row.relative_frobenius), (1, 0.0));
     }
 
-    #[allow(dead_code, clippy::pedantic, reason = "the documentation's examples use more of it")]
+    #[allow(
+        dead_code,
+        unreachable_pub,
+        clippy::pedantic,
+        reason = "the documentation's examples use more of it"
+    )]
     mod room {
         include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs"));
     }
