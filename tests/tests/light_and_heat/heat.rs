@@ -187,7 +187,11 @@ fn names_that_nothing_has_and_contradictions_are_refused() {
         &["--ground-temperature", "hemicube sky SCENE --matrix room"],
     );
     refused(&place, &format!("{line} --sky-temperature 20F"), &["20 °C"]);
-    refused(&place, &format!("{line} --by object -o x.txt"), &[".npz or .csv"]);
+    refused(
+        &place,
+        &format!("{line} --by object -o x.txt"),
+        &[".npz, .csv, .json or .parquet"],
+    );
     refused(
         &place,
         "solve room --materials m.toml --by object",
