@@ -346,7 +346,7 @@ fn duckdb_finds_every_result_of_every_moment() {
         "suns.csv",
         "time,x,y,z,direct,diffuse\nnoon,0,0,1,800,100\nlow,1,0,1,500,60\n",
     );
-    let heat = "solve F --thermal --materials h.toml --suns suns.csv --sky-temperature 270 --by object";
+    let heat = "solve F --thermal --materials h.toml --suns suns.csv --sky-temperature 270 --by material";
     place.write(
         "h.toml",
         "[default]\nemissivity = 0.9\nabsorptance = 0.6\nadiabatic = true\n",
