@@ -172,9 +172,9 @@ const ASKED: f64 = 0.75;
 /// in parts of the permitted error: three standard errors are within it.
 const SURE_PART: f64 = 1.0 / ERRORS;
 /// The relative Frobenius error of a matrix that nobody asked a tolerance for, and the permitted error of a row's sum at
-/// most, whatever the tolerance: from three quarters of it on, rays do not look for shares where hemicubes show none that
-/// matters. A choice: with less, runs cost more (1 % takes 1.4 times the steps, `scoreboard board`); with more, they are
-/// less exact, and rows lose what nobody looks for.
+/// most, whatever the tolerance: from three quarters of it on, rays do not look for shares where hemicubes show none
+/// that matters. A choice: with less, runs cost more (1 % takes 1.4 times the steps, `scoreboard board`); with more,
+/// they are less exact, and rows lose what nobody looks for.
 pub const DEFAULT_TOLERANCE: f64 = 0.02;
 
 /// A patch in one of the row's hemicubes.
