@@ -65,7 +65,11 @@ impl Format {
                 match column {
                     TableColumn::Names(names) => names.push(cell.to_owned()),
                     // No number where the table has nothing.
-                    TableColumn::Numbers(numbers) => numbers.push(cell.parse().ok()),
+                    TableColumn::Numbers(numbers) if cell.is_empty() => numbers.push(None),
+                    TableColumn::Numbers(numbers) => {
+                        let number = cell.parse().with_context(|| format!("`{cell}` is no number"))?;
+                        numbers.push(Some(number));
+                    }
                 }
             }
         }
