@@ -81,6 +81,18 @@ impl Prepared {
         })
     }
 
+    /// The axis that points up, guessed where neither a user nor the file says it.
+    pub(crate) fn up_or_guess(&self, given: Option<UpAxis>, talk: Talk) -> Axis {
+        let found = hemicube_scene::up::up(&self.scene);
+        match given {
+            Some(axis) => axis.into(),
+            None => {
+                talk.say(&format!("up is {} ({})", axis_name(found.axis), found.reason));
+                found.axis
+            }
+        }
+    }
+
     /// Tells where [`Self::up`] comes from, unless a user or the file said it.
     pub(crate) fn tell_up(&self, given: Option<UpAxis>, talk: Talk) {
         let found = hemicube_scene::up::up(&self.scene);

@@ -294,6 +294,31 @@ pub(crate) fn sky_frame(path: &Path) -> Result<(SkyDivision, Horizon)> {
     Ok((division, Horizon::new(up, north)))
 }
 
+/// The horizon of a matrix's scene: that of the sky rows beside it, or, with +y, −z or +z north, what is known of up.
+///
+/// # Errors
+/// When neither says which way is up.
+pub(crate) fn horizon(store: &Store, prepared: &Prepared) -> Result<Horizon> {
+    if let Ok(path) = sky(store) {
+        return Ok(sky_frame(&path)?.1);
+    }
+    let given = settings(store)?.up.map(Into::into);
+    let up = given.or(up(&prepared.scene).known()).ok_or_else(|| {
+        hinted(
+            anyhow!(
+                "neither `{}` nor the matrix says which axis points up",
+                prepared.input.path
+            ),
+            format!(
+                "`hemicube sky {} --matrix {} --up z` says it for all; or give `x,y,z` in the scene's axes",
+                crate::shell::word(store.manifest().scene.file.as_ref()),
+                crate::shell::word(store.directory())
+            ),
+        )
+    })?;
+    Ok(Horizon::new(up, 0.0))
+}
+
 fn sky_record(store: &Store) -> Result<Value> {
     let path = sky_beside(store);
     let record = path.with_extension("json");

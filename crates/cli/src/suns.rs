@@ -6,8 +6,9 @@
 //! 12:00,0,-0.5,0.87,850,110,perez
 //! ```
 //!
-//! A line is a moment: the direction towards the sun in the scene's axes, its irradiance across the beam and, where there
-//! is one, the sky's on a level plane that sees all of it. The first column that is called `time`, `moment`, `hour` or
+//! A line is a moment: the direction towards the sun, its irradiance across the beam and, where there is one, the sky's on
+//! a level plane that sees all of it. The direction is `x,y,z` in the scene's axes, or `azimuth,altitude` in degrees:
+//! clockwise from north, and above the horizon (`elevation` is `altitude`). The first column that is called `time`, `moment`, `hour` or
 //! `name` names the moments. Further columns: `sky` says how the sky's radiance is spread (`uniform` without it),
 //! `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K), `air_temperature` (°C),
 //! `humidity` (%) and `wind` (m/s) what else people and surfaces feel. `ground` is the reflectance of a level ground without
@@ -136,10 +137,30 @@ impl Moment {
     }
 }
 
+/// Names of the column of altitudes.
+pub(crate) const ALTITUDE: [&str; 2] = ["altitude", "elevation"];
+
+/// The direction with an azimuth (degrees clockwise from north) and an altitude (degrees), along east, north and up.
+///
+/// # Errors
+/// For angles beyond a circle and beyond ±90°.
+pub(crate) fn direction_of(azimuth: f64, altitude: f64) -> Result<DVec3> {
+    if azimuth.abs() > 360.0 {
+        bail!("the azimuth is {azimuth}°, beyond 360°; it is counted clockwise from north");
+    }
+    if altitude.abs() > 90.0 {
+        bail!("the altitude is {altitude}°, beyond 90°; it is counted from the horizon");
+    }
+    let ((sine, cosine), (height, across)) = (azimuth.to_radians().sin_cos(), altitude.to_radians().sin_cos());
+    Ok(DVec3::new(across * sine, across * cosine, height))
+}
+
 /// The moments of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Suns {
     pub(crate) path: PathBuf,
+    /// True while directions are along east, north and up, as of a table of angles.
+    is_of_angles: bool,
     /// A name a moment.
     pub(crate) names: Vec<String>,
     pub(crate) moments: Vec<Moment>,
@@ -172,12 +193,21 @@ impl Suns {
             column(&[wanted]).ok_or_else(|| {
                 hinted(
                     at(Some(1), anyhow!("there is no column `{wanted}`")),
-                    "a header such as `time,x,y,z,direct,diffuse` names the columns: the direction towards the sun, and \
-                     W/m² across its beam and from the sky on a level plane; `hemicube suns` makes such a table",
+                    "a header such as `time,x,y,z,direct,diffuse` names the columns: the direction towards the sun (or \
+                     `azimuth,altitude` in degrees), and W/m² across its beam and from the sky on a level plane; \
+                     `hemicube suns` makes such a table",
                 )
             })
         };
-        let [x, y, z, direct] = [needed("x")?, needed("y")?, needed("z")?, needed("direct")?];
+        let angles = match column(&["azimuth"]).filter(|_| column(&["x"]).is_none()) {
+            None => None,
+            Some(azimuth) => Some([azimuth, column(&ALTITUDE).map_or_else(|| needed("altitude"), Ok)?]),
+        };
+        let axes = match angles {
+            None => Some([needed("x")?, needed("y")?, needed("z")?]),
+            Some(_) => None,
+        };
+        let direct = needed("direct")?;
         let (diffuse, name) = (column(&["diffuse"]), column(&["time", "moment", "hour", "name"]));
         let [sky, extraterrestrial, ground] = ["sky", "extraterrestrial", "ground"].map(|name| column(&[name]));
         let sky_temperature = column(&["sky_temperature"]);
@@ -214,6 +244,7 @@ impl Suns {
         }
         let mut found = Self {
             path: path.to_owned(),
+            is_of_angles: angles.is_some(),
             names: Vec::new(),
             moments: Vec::new(),
             lacks_air: (!has.is_empty() && !lacks.is_empty())
@@ -240,7 +271,13 @@ impl Suns {
                     .filter(|text| !text.is_empty())
                     .map(|_| power(column))
             };
-            let towards = DVec3::new(number(x)?, number(y)?, number(z)?);
+            let towards = match (angles, axes) {
+                (Some([azimuth, altitude]), _) => {
+                    direction_of(number(azimuth)?, number(altitude)?).map_err(|error| at(line, error))?
+                }
+                (None, Some([x, y, z])) => DVec3::new(number(x)?, number(y)?, number(z)?),
+                (None, None) => DVec3::ZERO,
+            };
             let model = match sky
                 .and_then(|column| record.get(column))
                 .filter(|text| !text.is_empty())
@@ -311,6 +348,22 @@ impl Suns {
             );
         }
         Ok(found)
+    }
+
+    /// Turns directions of a table of angles into the scene's axes.
+    ///
+    /// # Errors
+    /// When there are such, and the scene has no horizon.
+    pub(crate) fn turn(&mut self, horizon: impl FnOnce() -> Result<Horizon>) -> Result<()> {
+        if !self.is_of_angles {
+            return Ok(());
+        }
+        let horizon = horizon().with_context(|| format!("`{}` has an azimuth", self.path.display()))?;
+        for moment in &mut self.moments {
+            moment.direction = horizon.direction(moment.direction.to_array());
+        }
+        self.is_of_angles = false;
+        Ok(())
     }
 
     /// Number of moments.
@@ -435,10 +488,48 @@ mod tests {
                 "s.csv:2: the `half_angle` is 93°, above 90°",
             ),
             ("x,y,z,direct\n0,0,1\n", "has 3 fields where the header has 4"),
+            ("azimuth,direct\n0,5\n", "s.csv:1: there is no column `altitude`"),
+            (
+                "azimuth,altitude,direct\n180,91,5\n",
+                "s.csv:2: the altitude is 91°, beyond 90°",
+            ),
+            (
+                "azimuth,altitude,direct\n-361,1,5\n",
+                "s.csv:2: the azimuth is -361°, beyond 360°",
+            ),
         ] {
             let error = read(text).expect_err(text).to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
+    }
+
+    #[test]
+    fn an_azimuth_is_clockwise_from_north_in_any_axes() {
+        let read = |text: &str| Suns::of(text.as_bytes(), "s.csv".as_ref()).expect("suns");
+        let table = read("Azimuth (deg),elevation,direct\n90,0,1\n180,30,1\n-90,90,1\n");
+        for (up, [east, south]) in [
+            (Axis::Z, [DVec3::X, DVec3::NEG_Y]),
+            (Axis::Y, [DVec3::X, DVec3::Z]),
+            (Axis::X, [DVec3::Y, DVec3::NEG_Z]),
+        ] {
+            let (mut suns, horizon) = (table.clone(), Horizon::new(up, 0.0));
+            suns.turn(|| Ok(horizon)).expect("a horizon");
+            let expected = [east, south * 0.75_f64.sqrt() + horizon.up * 0.5, horizon.up];
+            for (moment, expected) in suns.moments.iter().zip(expected) {
+                assert!((moment.direction - expected).length() < 1e-15, "{up:?}: {moment:?}");
+            }
+            // What is turned stays.
+            let turned = suns.clone();
+            suns.turn(|| Ok(Horizon::new(up, 90.0))).expect("a horizon");
+            assert_eq!(suns, turned);
+        }
+        let both = read("x,y,z,azimuth,altitude,direct\n0,0,2,90,0,1\n");
+        assert_eq!(both.moments[0].direction, DVec3::Z);
+        let refused = read("azimuth,altitude,direct\n0,9,1\n").turn(|| bail!("no horizon"));
+        assert_eq!(
+            format!("{:#}", refused.expect_err("no horizon")),
+            "`s.csv` has an azimuth: no horizon"
+        );
     }
 
     #[test]

@@ -242,6 +242,22 @@ pub(crate) fn read_either<const A: usize, const B: usize>(
     found.map_err(|(line, error)| located(path, line, error))
 }
 
+/// Returns whether a file has a header that names this column.
+///
+/// # Errors
+/// When the file cannot be read, or is no UTF-8.
+pub(crate) fn names_column(path: &Path, name: &str) -> Result<bool> {
+    let text = text(path)?;
+    let mut lines = text.lines().map(|line| line.split('#').next().unwrap_or(""));
+    let head = lines.find(|line| !is_empty(line)).filter(|line| is_header(line));
+    Ok(head.is_some_and(|head| {
+        Separator::of(head)
+            .fields(head)
+            .iter()
+            .any(|field| short(field) == name)
+    }))
+}
+
 /// The text of each row in the column `name`; `None` without such a column.
 ///
 /// # Errors

@@ -117,6 +117,11 @@ impl Horizon {
         self.has_ground && direction.dot(self.up) < 0.0
     }
 
+    /// The direction with these parts along east, north and up.
+    pub fn direction(&self, [east, north, up]: [f64; 3]) -> DVec3 {
+        self.east * east + self.north * north + self.up * up
+    }
+
     /// A direction by its parts along east, north and up.
     pub(crate) fn local(&self, direction: DVec3) -> DVec3 {
         DVec3::new(

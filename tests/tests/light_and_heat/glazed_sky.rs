@@ -233,3 +233,104 @@ fn the_sun_comes_off_a_mirror() {
     // The mirror's front sees the first sun directly.
     near(light[0], cosine, 1e-6);
 }
+
+/// Irradiances at points: direct and diffuse, of each line.
+fn of_points(place: &Place) -> Vec<[f64; 2]> {
+    let text = std::fs::read_to_string(place.path("light.csv")).expect("a table");
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().expect("a head").split(',').collect();
+    let [direct, diffuse] = ["direct (W/m2)", "diffuse (W/m2)"].map(|name| {
+        let at = head.iter().position(|head| *head == name);
+        at.unwrap_or_else(|| panic!("no {name}: {text}"))
+    });
+    let of = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        [direct, diffuse].map(|at| cells[at].parse().expect("a number"))
+    };
+    lines.map(of).collect()
+}
+
+/// A desk below a window, under a sun by azimuth and altitude, and under skies that are even and not.
+#[test]
+fn a_desk_has_sun_and_sky_through_a_window() {
+    let place = Place::new();
+    place.write("room.obj", obj(&with_window()));
+    place.write("glass.toml", GLASS.replace("facade", "window"));
+    place.write("desk.csv", "x,y,z,nx,ny,nz\n2,2.75,0.25,0,0,1\n");
+    place.write(
+        "day.csv",
+        "time,azimuth,altitude,direct,diffuse,sky\n\
+         in,0,45,500,100,overcast\nbehind,180,45,500,100,uniform\nbeside,60,45,500,0,uniform\n",
+    );
+    let line =
+        "points room.obj --up z --points desk.csv --suns day.csv -o light.csv --overwrite --resolution 512 --quiet";
+    let dark = |found: &[[f64; 2]]| found.iter().all(|found| *found == [0.0, 0.0]);
+    place.line(line).is(0);
+    assert!(dark(&of_points(&place)), "a window that is no pane is a wall");
+    place.line(&format!("{line} --specular glass.toml")).is(0);
+    let found = of_points(&place);
+    let glass = Law::Pane {
+        index: INDEX,
+        depth: DEPTH,
+    };
+    // Over the window, cos θ dω = z (4 − y) dx dz / r⁴.
+    let sky = |radiance: &dyn Fn(f64) -> f64| -> f64 {
+        let (across, up) = (200, 100);
+        let mut sum = 0.0;
+        for i in 0..across * up {
+            let (x, z) = (f64::from(i % across) + 0.5, f64::from(i / across) + 0.5);
+            let to = DVec3::new(x * 2.0 / f64::from(across) - 1.0, 1.25, 0.75 + z / f64::from(up));
+            let (length, towards) = (to.length(), to.normalize());
+            let solid_angle = towards.y * 2.0 / f64::from(across * up) / (length * length);
+            sum += glass.at(towards.y).transmittance * radiance(towards.z) * towards.z * solid_angle;
+        }
+        sum
+    };
+    // The overcast sky's zenith is 9 / (7 π) of its irradiance.
+    let overcast = sky(&|sine| 9.0 / (7.0 * std::f64::consts::PI) * (1.0 + 2.0 * sine) / 3.0);
+    let even = sky(&|_| 1.0 / std::f64::consts::PI);
+    let cosine = 0.5f64.sqrt();
+    let direct = glass.at(cosine).transmittance * cosine * 500.0;
+    for (found, exact) in found
+        .iter()
+        .zip([[direct, 100.0 * overcast], [0.0, 100.0 * even], [0.0, 0.0]])
+    {
+        near(found[0], exact[0], 1e-5 * direct);
+        near(found[1], exact[1], 0.01 * exact[1]);
+    }
+    // Heat does not go through glass as light does.
+    place.write(
+        "m.toml",
+        "[default]\nemissivity = 0.9\ntemperature = 300\n[object.window]\nemissivity = 0.1\n",
+    );
+    place.line("compute room.obj -o f --quiet --specular glass.toml").is(0);
+    place
+        .line("solve f --thermal --materials m.toml --sky-temperature 280")
+        .is(0);
+    place
+        .line("points room.obj --up z --points desk.csv --suns day.csv --as sphere --solution f --sky-temperature 280")
+        .is(2)
+        .says(&[
+            "panes let light through and little heat",
+            "give the solution of light alone",
+        ]);
+}
+
+#[test]
+fn a_point_has_the_sun_off_a_mirror() {
+    let place = Place::new();
+    place.write(
+        "street.obj",
+        obj(&[("mirror", [[5., -9., 0.], [5., -9., 20.], [5., 9., 20.], [5., 9., 0.]])]),
+    );
+    place.write("mirror.toml", "[object.mirror]\nspecular = 0.8\n");
+    place.write("wall.csv", "0 0.5 0.5 1 0 0\n");
+    place.write("day.csv", "x,y,z,direct\n-1,0,1,500\n1,0,1,500\n-1,0,8,500\n");
+    place
+        .line("points street.obj --up z --points wall.csv --suns day.csv -o light.csv --specular mirror.toml --quiet")
+        .is(0);
+    let found = of_points(&place);
+    // The first comes off the mirror, the second is behind it, and the third passes over it and comes from behind.
+    near(found[0][0], 0.8 * 0.5f64.sqrt() * 500.0, 1e-3);
+    assert_eq!([found[1][0], found[2][0]], [0.0, 0.0]);
+}

@@ -61,6 +61,24 @@ fn suns_light_what_no_plate_shades_and_from_below_in_space() {
     assert_eq!(number(&row("0", "under"), 8), 0.0);
     assert!((number(&row("2", "under"), 8) - 16.0).abs() < 1e-6);
     assert_eq!(number(&row("2", "floor"), 8), 0.0);
+    // The same suns by azimuth and altitude.
+    let azimuth = 0.5f64.atan2(0.25).to_degrees();
+    let altitude = 1.0f64.atan2(0.5f64.hypot(0.25)).to_degrees();
+    place.write(
+        "suns.txt",
+        format!("Altitude (deg);name;azimuth (deg)\n90;noon;0\n{altitude};later;{azimuth}\n-90;night;10\n"),
+    );
+    for (row, other) in found.iter().zip(ran("--horizon none")) {
+        for at in 5..9 {
+            assert!((number(row, at) - number(&other, at)).abs() < 1e-5, "{row:?} {other:?}");
+        }
+    }
+    place.write("wrong.txt", "azimuth,altitude\n10,95\n");
+    place
+        .line("sky shaded.obj --up z --suns wrong.txt")
+        .is(2)
+        .says(&["wrong.txt:2: the altitude is 95°, beyond 90°"]);
+    place.write("suns.txt", "0 0 1\n0.5 0.25 1\n0 0 -2\n");
     // On the ground nothing comes from below.
     let found = ran("--horizon ground");
     let under = found

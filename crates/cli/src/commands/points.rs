@@ -128,7 +128,7 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "FILE",
-        conflicts_with_all = ["temperatures", "verify", "show", "specular", "symmetry", "sector", "periodic"],
+        conflicts_with_all = ["temperatures", "verify", "show", "symmetry", "sector", "periodic"],
         help_heading = "Heat"
     )]
     pub(crate) suns: Option<PathBuf>,
@@ -326,7 +326,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     output::require(arguments)?;
     let json = JsonReport::asked(&arguments.report);
     let listed = arguments.points.as_deref().map(sensors::read).transpose()?;
-    let table = arguments.suns.as_deref().map(Suns::read).transpose()?;
+    let mut table = arguments.suns.as_deref().map(Suns::read).transpose()?;
     let solutions = heat::open_all(&arguments.solution, table.is_some())?;
     let store = solutions.first();
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
@@ -347,6 +347,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let up = prepared.up(arguments.patches.up)?;
     prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, 0.0);
+    if let Some(table) = &mut table {
+        table.turn(|| Ok(horizon))?;
+    }
     let started = Instant::now();
     let source = match listed {
         Some(listed) => Source::Listed(listed),
@@ -359,8 +362,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     output::require_map(arguments, &prepared, &sensors, talk)?;
     let hours = match table {
         Some(table) => {
-            Hours::require_direct(&portals)?;
-            Some(Hours::new(arguments, table, &solutions, &prepared, &sensors)?)
+            Hours::require_one_cell(&portals)?;
+            Some(Hours::new(
+                arguments,
+                table,
+                &solutions,
+                &prepared,
+                (&sensors, &portals),
+            )?)
         }
         None => None,
     };
@@ -531,7 +540,7 @@ impl Task<'_> {
         let Some(hours) = self.hours else { return Ok(None) };
         let brought: Vec<(f64, &[Brought])> = rows.iter().map(|row| (row.row.sky, &*row.brought)).collect();
         let threads = self.arguments.engine.thread_count();
-        let felt = hours.felt(self.prepared, self.sensors, &brought, threads)?;
+        let felt = hours.felt(self.prepared, (self.sensors, &self.portals), &brought, threads)?;
         if let Some(means) = hours.radiant_means(&felt) {
             for (row, mean) in rows.iter_mut().zip(means) {
                 row.temperature = mean;

@@ -14,6 +14,7 @@ use crate::report::{
     self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, lines, percent,
 };
 use crate::stored;
+use crate::suns::{ALTITUDE, direction_of};
 use crate::table;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
@@ -87,7 +88,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) points: Option<PathBuf>,
     /// Which part of each patch sees these suns: a file with the direction `x y z` towards one a line, or columns of
-    /// these names
+    /// these names, or `azimuth` (clockwise from north) and `altitude` in degrees
     #[arg(long, value_name = "FILE")]
     pub(crate) suns: Option<PathBuf>,
     /// What hides suns: the ground below the horizon, or nothing, as in space
@@ -274,8 +275,23 @@ fn read_points(path: &Path) -> Result<Listed<SensorPoint>> {
     Ok(found)
 }
 
-fn read_suns(path: &Path) -> Result<Listed<DVec3>> {
+/// Directions towards suns: along the scene's axes, or, as the second says, along east, north and up.
+fn read_suns(path: &Path) -> Result<(Listed<DVec3>, bool)> {
     let mut found = Listed::default();
+    let is_of_angles = table::names_column(path, "azimuth")? && !table::names_column(path, "x")?;
+    if is_of_angles {
+        let [altitude, elevation] = ALTITUDE;
+        let is_elevation = table::names_column(path, elevation)?;
+        for row in table::read(path, ["azimuth", if is_elevation { elevation } else { altitude }])? {
+            let [azimuth, altitude] = row.values;
+            let sun = direction_of(azimuth, altitude);
+            found
+                .items
+                .push(sun.map_err(|error| anyhow!("{}:{}: {error}", path.display(), row.line))?);
+            found.lines.push(row.line);
+        }
+        return Ok((found, true));
+    }
     for row in table::read(path, ["x", "y", "z"])? {
         let sun = DVec3::from_array(row.values)
             .try_normalize()
@@ -283,7 +299,7 @@ fn read_suns(path: &Path) -> Result<Listed<DVec3>> {
         found.items.push(sun);
         found.lines.push(row.line);
     }
-    Ok(found)
+    Ok((found, false))
 }
 
 /// Warns of suns below the horizon.
@@ -381,7 +397,12 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     arguments.patches.require_one_cut()?;
     let json = JsonReport::asked(&arguments.report);
     let points = read_if_any(arguments.points.as_deref(), read_points)?;
-    let suns = read_if_any(arguments.suns.as_deref(), read_suns)?;
+    let (mut suns, is_of_angles) = arguments
+        .suns
+        .as_deref()
+        .map(read_suns)
+        .transpose()?
+        .unwrap_or_default();
     let store = open_store(arguments)?;
     let output = match &store {
         Some(store) => Some(store.directory().join("sky")),
@@ -398,12 +419,23 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         None => None,
     };
     prepared.tell(talk);
-    let up = prepared.up(arguments.patches.up)?;
-    prepared.tell_up(arguments.patches.up, talk);
+    let up = match arguments.horizon {
+        // Up only turns the patches of the sky.
+        HorizonName::None if !is_of_angles => prepared.up_or_guess(arguments.patches.up, talk),
+        _ => {
+            prepared.tell_up(arguments.patches.up, talk);
+            prepared.up(arguments.patches.up)?
+        }
+    };
     let horizon = match arguments.horizon {
         HorizonName::Ground => Horizon::new(up, arguments.north),
         HorizonName::None => Horizon::new(up, arguments.north).without_ground(),
     };
+    if is_of_angles {
+        for sun in &mut suns.items {
+            *sun = horizon.direction(sun.to_array());
+        }
+    }
     tell_of_suns(arguments, &suns, horizon, talk);
     let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);

@@ -341,7 +341,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     if arguments.print_materials {
         return print_materials(arguments, &store, talk);
     }
-    let suns = arguments.suns.as_deref().map(Suns::read).transpose()?;
+    let mut suns = arguments.suns.as_deref().map(Suns::read).transpose()?;
     let mut prepared = prepare_scene(arguments, &store, talk)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
@@ -362,6 +362,9 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         None => &stored,
     };
     let mut planets = None;
+    if let (Some(suns), Some(prepared)) = (&mut suns, &prepared) {
+        suns.turn(|| stored::horizon(&store, prepared))?;
+    }
     let sun = match (&suns, &mut prepared) {
         (Some(suns), Some(prepared)) => {
             let mut arriving = suns::skylight(arguments, &store, &rows, suns, talk)?;

@@ -124,6 +124,19 @@ impl Tally for Beam {
     fn cut(&mut self, _ray: &Ray, _weight: u64) {}
 }
 
+/// Collects the directions in which a ray leaves the scene, and their parts of its weight.
+struct Left(Vec<(DVec3, f64)>);
+
+impl Tally for Left {
+    fn arrive(&mut self, _ray: &Ray, _arrival: &Arrival) {}
+
+    fn escape(&mut self, ray: &Ray) {
+        self.0.push((ray.towards, ray.weight as f64 / BEAM as f64));
+    }
+
+    fn cut(&mut self, _ray: &Ray, _weight: u64) {}
+}
+
 impl ThroughPortals {
     /// Mirrors and panes of a model, which has `images` of a cell.
     pub fn new(specular: &Specular, images: Option<&Images>, model: &Model) -> Self {
@@ -243,8 +256,7 @@ impl ThroughPortals {
     /// Follows a ray from a free point that meets a portal first. `act` is told the patches at which it arrives behind
     /// that, where, and with what share of its weight; all in normalised coordinates.
     pub fn ray(&mut self, from: DVec3, towards: DVec3, act: impl FnMut(u32, DVec3, f64)) {
-        self.motions.begin();
-        (self.tracer.legs, self.tracer.legs_max) = (0, LEGS);
+        self.begin();
         let ray = first(from, towards, towards, BEAM);
         let ends = self.ends(BEAM);
         self.tracer.follow(ray, ends, &mut self.motions, &mut Arrived(act));
@@ -254,22 +266,54 @@ impl ThroughPortals {
     /// in which the sun is seen, w what panes let through and mirrors reflect. `from` is in normalised coordinates,
     /// `normal` the surface's and `sun` the direction towards the sun, both of length 1.
     pub fn sunlight(&mut self, from: DVec3, normal: DVec3, sun: DVec3) -> f64 {
-        self.tracer.legs = 0;
-        self.tracer.legs_max = LEGS;
-        self.motions.begin();
+        self.begin();
         let mut sum = 0.0;
         for towards in self.directions(sun) {
             let cosine = normal.dot(towards);
-            if cosine <= 0.0 {
-                continue;
+            if cosine > 0.0 {
+                sum += cosine * self.reached(from, towards, normal, sun);
             }
-            let mut beam = Beam { sun, reached: 0 };
-            let ends = self.ends(BEAM);
-            let ray = first(from, towards, normal, BEAM);
-            self.tracer.follow(ray, ends, &mut self.motions, &mut beam);
-            sum += cosine * (beam.reached as f64 / BEAM as f64);
         }
         sum
+    }
+
+    /// The directions in which a sun is seen from a free point, and the share of its light that comes from each: through
+    /// panes, and off mirrors. `from` is in normalised coordinates, `sun` the direction towards the sun, of length 1.
+    pub fn suns(&mut self, from: DVec3, sun: DVec3) -> Vec<(DVec3, f64)> {
+        self.begin();
+        let mut found = Vec::new();
+        for towards in self.directions(sun) {
+            let share = self.reached(from, towards, towards, sun);
+            if share > 0.0 {
+                found.push((towards, share));
+            }
+        }
+        found
+    }
+
+    /// The directions in which a ray from a free point leaves the scene, and the parts of its weight that do. `from` is in
+    /// normalised coordinates, `towards` of length 1.
+    pub fn leaving(&mut self, from: DVec3, towards: DVec3) -> Vec<(DVec3, f64)> {
+        self.begin();
+        let mut left = Left(Vec::new());
+        let ends = self.ends(BEAM);
+        let ray = first(from, towards, towards, BEAM);
+        self.tracer.follow(ray, ends, &mut self.motions, &mut left);
+        left.0
+    }
+
+    fn begin(&mut self) {
+        (self.tracer.legs, self.tracer.legs_max) = (0, LEGS);
+        self.motions.begin();
+    }
+
+    /// The share of a ray that leaves a point of a surface with this normal and reaches the sun.
+    fn reached(&mut self, from: DVec3, towards: DVec3, normal: DVec3, sun: DVec3) -> f64 {
+        let mut beam = Beam { sun, reached: 0 };
+        let ends = self.ends(BEAM);
+        let ray = first(from, towards, normal, BEAM);
+        self.tracer.follow(ray, ends, &mut self.motions, &mut beam);
+        beam.reached as f64 / BEAM as f64
     }
 
     /// The directions that may lead to a sun: its own, and those reflected in up to [`MIRRORS`] planes.

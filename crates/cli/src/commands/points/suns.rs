@@ -5,7 +5,8 @@
 //! ```text
 //! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude, and
 //!            of a seated one, who faces somewhere, its azimuth
-//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it
+//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it; both through panes, and
+//!            off mirrors
 //! reflected  Σ F_j B_j, of the radiosities B of a solution of light, and F_ground times what the ground below the horizon
 //!            sends, by its reflectance in the table
 //! ```
@@ -25,8 +26,11 @@ use crate::suns::Suns;
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
-use hemicube::points::{Body, SensorRow, Table, level};
+use hemicube::Model;
+use hemicube::frame::Horizon;
+use hemicube::points::{Body, Sensor, SensorRow, Table, level};
 use hemicube::portal::Portals;
+use hemicube::portal::sight::ThroughPortals;
 use hemicube::reference::{RayEnd, Reference, ReferenceSettings};
 use hemicube::sky::SkyDivision;
 use hemicube::solve::{STEFAN_BOLTZMANN, StoredSolution};
@@ -99,7 +103,7 @@ impl Hours {
         suns: Suns,
         solutions: &[(Store, StoredSolution)],
         prepared: &Prepared,
-        sensors: &Sensors,
+        (sensors, portals): (&Sensors, &Portals),
     ) -> Result<Self> {
         if suns.moments.iter().any(|moment| moment.planet.is_some()) {
             return Err(hinted(
@@ -159,6 +163,13 @@ impl Hours {
         if !heats.is_empty() && matches!(sensors.body, BodyName::Plane | BodyName::Cube) {
             bail!("a mean radiant temperature with the sun is of `--as person`, `seated`, `sphere` or `cylinder`");
         }
+        if !heats.is_empty() && !portals.is_empty() {
+            return Err(hinted(
+                anyhow!("panes let light through and little heat, and the rows of points are one for both"),
+                "give the solution of light alone; a mean radiant temperature with the sun is of a scene without mirrors, \
+                 panes, symmetry and periods",
+            ));
+        }
         let is_sky_given = arguments.sky_temperature.is_some();
         let up = sensors.horizon.up;
         Ok(Self {
@@ -173,14 +184,13 @@ impl Hours {
     /// Refuses what rays to sun and sky do not go through.
     ///
     /// # Errors
-    /// For a scene with mirrors, panes or images.
-    pub(super) fn require_direct(portals: &Portals) -> Result<()> {
-        if portals.is_empty() {
+    /// For a scene with symmetry or a period, which a sun would have to have, too.
+    pub(super) fn require_one_cell(portals: &Portals) -> Result<()> {
+        if portals.images.is_none() {
             return Ok(());
         }
         bail!(
-            "points see sun and sky directly alone, and this scene has mirrors, panes or images; `hemicube solve --suns` \
-             goes through them"
+            "this scene has symmetry or a period, and a sun shines on all of its cells differently; give the whole scene"
         )
     }
 
@@ -220,7 +230,7 @@ impl Hours {
     pub(super) fn felt(
         &self,
         prepared: &Prepared,
-        sensors: &Sensors,
+        (sensors, portals): (&Sensors, &Portals),
         rows: &[(f64, &[Brought])],
         threads: usize,
     ) -> Result<Vec<Felt>> {
@@ -236,11 +246,18 @@ impl Hours {
                 .step_by(share)
                 .map(|first| {
                     let (reference, skies) = (&reference, &skies);
+                    let model = &prepared.model;
                     scope.spawn(move || {
                         let mut found = Vec::new();
+                        let specular = portals.specular.as_ref();
+                        let mut open = Open {
+                            reference,
+                            through: specular.map(|specular| ThroughPortals::new(specular, None, model)),
+                            model,
+                        };
                         for sensor in first..(first + share).min(sensors.items.len()) {
                             let rows = &rows[sensor * each..(sensor + 1) * each];
-                            self.at(reference, sensors, sensor, rows, skies, &mut found);
+                            self.at(&mut open, sensors, sensor, rows, skies, &mut found);
                         }
                         found
                     })
@@ -265,25 +282,30 @@ impl Hours {
         let what = format!("skies of {}", counted(self.suns.len() as u64, "moment"));
         forecast::require(prepared.budget, 8 * numbers, &what, FEWER)?;
         let horizon = sensors.horizon;
-        let radiances = (0..self.suns.len()).map(|at| self.suns.radiances(at, &division, horizon));
-        let rays = (1..division.columns()).map(|column| {
-            let middle = division.middle(column);
-            SkyRay {
-                direction: horizon.east * middle.x + horizon.north * middle.y + horizon.up * middle.z,
-                solid_angle: division.solid_angle(column),
-                column: column as usize,
-            }
-        });
+        let radiances: Vec<Vec<f64>> = (0..self.suns.len())
+            .map(|at| self.suns.radiances(at, &division, horizon))
+            .collect::<Result<_>>()?;
+        let rays: Vec<SkyRay> = (1..division.columns())
+            .map(|column| {
+                let middle = division.middle(column);
+                SkyRay {
+                    direction: horizon.direction(middle.to_array()),
+                    solid_angle: division.solid_angle(column),
+                    column: column as usize,
+                }
+            })
+            .collect();
         Ok(Some(Skies {
-            rays: rays.collect(),
-            radiances: radiances.collect::<Result<_>>()?,
+            rays,
+            division,
+            radiances,
         }))
     }
 
     /// Results of a sensor, row after row.
     fn at(
         &self,
-        reference: &Reference<'_>,
+        open: &mut Open<'_>,
         sensors: &Sensors,
         sensor: usize,
         rows: &[(f64, &[Brought])],
@@ -291,16 +313,24 @@ impl Hours {
         found: &mut Vec<Felt>,
     ) {
         let (item, horizon) = (&sensors.items[sensor], &sensors.horizon);
-        let is_open = |direction: DVec3| reference.first(item.position, direction) == RayEnd::Nothing;
         // The weight of each column of the sky in each row, as far as it is open.
         let weights: Option<Vec<Vec<f64>>> = skies.as_ref().map(|skies| {
             let columns = skies.radiances.first().map_or(0, Vec::len);
             let mut weights = vec![vec![0.0; columns]; rows.len()];
             for ray in &skies.rays {
                 let kernel = item.body.kernel(horizon, ray.direction);
-                if kernel.iter().any(|&kernel| kernel > 0.0) && is_open(ray.direction) {
-                    for (weights, kernel) in weights.iter_mut().zip(kernel) {
-                        weights[ray.column] += kernel * ray.solid_angle;
+                if !kernel.iter().any(|&kernel| kernel > 0.0) {
+                    continue;
+                }
+                for (towards, share) in open.leaving(item.position, ray.direction) {
+                    let column = if towards == ray.direction {
+                        ray.column
+                    } else {
+                        let [east, north, up] = [horizon.east, horizon.north, horizon.up].map(|axis| axis.dot(towards));
+                        skies.division.column(DVec3::new(east, north, up)) as usize
+                    };
+                    for (weights, kernel) in weights.iter_mut().zip(&kernel) {
+                        weights[column] += kernel * ray.solid_angle * share;
                     }
                 }
             }
@@ -311,27 +341,17 @@ impl Hours {
             .moments
             .iter()
             .map(|moment| {
-                let sun = moment.direction;
-                if moment.direct == 0.0 || horizon.is_below(sun) || !is_open(sun) {
-                    return vec![0.0; rows.len()];
+                let mut sums = vec![0.0; rows.len()];
+                if moment.direct == 0.0 || horizon.is_below(moment.direction) {
+                    return sums;
                 }
-                let altitude = sun.dot(horizon.up).clamp(0.0, 1.0).asin().to_degrees();
-                let factor = match item.body {
-                    Body::Person => Some(projected_area(altitude, None, Posture::Standing)),
-                    Body::Seated(facing) => {
-                        let facing = facing
-                            .and_then(|facing| level(horizon, facing))
-                            .zip(level(horizon, sun));
-                        let azimuth = facing.map(|(facing, sun)| facing.dot(sun).clamp(-1.0, 1.0).acos().to_degrees());
-                        Some(projected_area(altitude, azimuth, Posture::Seated))
+                for (sun, share) in open.suns(item.position, moment.direction) {
+                    let direct = share * moment.direct;
+                    for (sum, factor) in sums.iter_mut().zip(of_beam(item, horizon, sun)) {
+                        *sum += factor * direct;
                     }
-                    _ => None,
-                };
-                if let Some(factor) = factor {
-                    return vec![factor.unwrap_or(f64::NAN) * moment.direct];
                 }
-                let kernel = item.body.kernel(horizon, sun);
-                kernel.into_iter().map(|kernel| PI * kernel * moment.direct).collect()
+                sums
             })
             .collect();
         for (side, &(sky, brought)) in rows.iter().enumerate() {
@@ -502,6 +522,7 @@ impl Hours {
 /// Radiances of the skies, and rays to them.
 struct Skies {
     rays: Vec<SkyRay>,
+    division: SkyDivision,
     /// W/(m² sr), by moment and column.
     radiances: Vec<Vec<f64>>,
 }
@@ -510,6 +531,53 @@ struct SkyRay {
     direction: DVec3,
     solid_angle: f64,
     column: usize,
+}
+
+/// What is seen of sun and sky from a point.
+struct Open<'a> {
+    reference: &'a Reference<'a>,
+    /// Where there are mirrors or panes.
+    through: Option<ThroughPortals>,
+    model: &'a Model,
+}
+
+impl Open<'_> {
+    /// The directions in which a ray leaves the scene in the end, and the parts of it that do.
+    fn leaving(&mut self, from: DVec3, direction: DVec3) -> Vec<(DVec3, f64)> {
+        match &mut self.through {
+            Some(through) => through.leaving(self.model.normalise(from), direction),
+            None if self.reference.first(from, direction) == RayEnd::Nothing => vec![(direction, 1.0)],
+            None => Vec::new(),
+        }
+    }
+
+    /// The directions in which a sun is seen, and the shares of its light that come from them.
+    fn suns(&mut self, from: DVec3, sun: DVec3) -> Vec<(DVec3, f64)> {
+        match &mut self.through {
+            Some(through) => through.suns(self.model.normalise(from), sun),
+            None => self.leaving(from, sun),
+        }
+    }
+}
+
+/// What arrives on each side of a body of a beam of 1: π k, or the projected area of a person.
+fn of_beam(item: &Sensor, horizon: &Horizon, sun: DVec3) -> Vec<f64> {
+    let altitude = sun.dot(horizon.up).clamp(-1.0, 1.0).asin().to_degrees().abs();
+    let factor = match item.body {
+        Body::Person => projected_area(altitude, None, Posture::Standing),
+        Body::Seated(facing) => {
+            let facing = facing
+                .and_then(|facing| level(horizon, facing))
+                .zip(level(horizon, sun));
+            let azimuth = facing.map(|(facing, sun)| facing.dot(sun).clamp(-1.0, 1.0).acos().to_degrees());
+            projected_area(altitude, azimuth, Posture::Seated)
+        }
+        _ => {
+            let kernel = item.body.kernel(horizon, sun);
+            return kernel.into_iter().map(|kernel| PI * kernel).collect();
+        }
+    };
+    vec![factor.unwrap_or(f64::NAN)]
 }
 
 /// The mean radiance by weights; of an even sky of this irradiance where no ray reached it.
