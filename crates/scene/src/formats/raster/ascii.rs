@@ -113,6 +113,7 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
         cell,
         heights,
         ground: None,
+        canopy: None,
         crs: None,
     })
 }

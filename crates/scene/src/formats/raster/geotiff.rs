@@ -1,9 +1,9 @@
-//! GeoTIFF: the first image of a TIFF, one band of heights, or two with the ground's.
+//! GeoTIFF: the first image of a TIFF, one band of heights, or two with the ground's, or three with the canopy's.
 
 use super::{Raster, cells_of};
 use crate::{Error, ReadOptions};
 use std::fs::File;
-use std::io::{BufReader, Cursor};
+use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
@@ -29,17 +29,29 @@ fn wrong(error: TiffError) -> Error {
     }
 }
 
-/// Returns whether a TIFF has one or two bands of more than eight bits, and says where its cells lie.
+/// Returns whether a TIFF has one or two bands of more than eight bits, or three of reals, and says where its cells lie.
 pub(super) fn has_heights(path: &Path) -> Result<bool, TiffError> {
     let mut image = Decoder::new(BufReader::new(File::open(path)?))?;
     let is_of_heights = match image.colortype()? {
         ColorType::Gray(bits) | ColorType::GrayA(bits) => bits > 8,
-        ColorType::Multiband { bit_depth, num_samples } => bit_depth > 8 && num_samples <= 2,
+        ColorType::Multiband { bit_depth, num_samples } => {
+            bit_depth > 8 && (num_samples <= 2 || num_samples == 3 && is_of_reals(&mut image)?)
+        }
         _ => false,
     };
     let has_place =
         image.find_tag(Tag::ModelPixelScaleTag)?.is_some() || image.find_tag(Tag::ModelTransformationTag)?.is_some();
     Ok(is_of_heights && has_place)
+}
+
+/// Returns whether values of an image are real numbers.
+fn is_of_reals<R: Read + Seek>(image: &mut Decoder<R>) -> Result<bool, TiffError> {
+    /// IEEE floating point, by TIFF 6.0.
+    const REAL: u16 = 3;
+    let formats = image
+        .find_tag_unsigned_vec::<u16>(Tag::SampleFormat)?
+        .unwrap_or_default();
+    Ok(!formats.is_empty() && formats.iter().all(|&format| format == REAL))
 }
 
 /// Reads a GeoTIFF.
@@ -49,9 +61,11 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
     let bands = match image.colortype().map_err(wrong)? {
         ColorType::Gray(_) | ColorType::Multiband { num_samples: 1, .. } => 1,
         ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => 2,
+        ColorType::Multiband { num_samples: 3, .. } if is_of_reals(&mut image).map_err(wrong)? => 3,
         _ => {
             return Err(Error::unsupported(
-                "is a picture or has more bands; a height model has one band, or the ground's height as a second one",
+                "is a picture or has other bands; a height model has one band, or the ground's height as a second one, or \
+                 the canopy's above that as a third one, of real numbers",
             ));
         }
     };
@@ -63,6 +77,13 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
     }
     let [columns, rows] = cells_of(columns.into(), rows.into(), options)?;
     let cells = columns * rows;
+    if bands == 3 {
+        // The canopy, the crown of each cell, and rectangles of crowns.
+        let bytes = 128 * cells as u64;
+        options
+            .budget
+            .require(bytes, format!("a height model with a canopy of {cells} cells"))?;
+    }
     let mut place = Place::of(&mut image)?;
     let none = match image.find_tag(Tag::GdalNodata).map_err(wrong)? {
         Some(text) => text.into_string().map_err(wrong)?.trim().parse::<f64>().ok(),
@@ -83,7 +104,8 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
                 .collect()
         })
         .collect();
-    let ground = found.split_off(1).pop();
+    let mut further = found.split_off(1).into_iter();
+    let (ground, canopy) = (further.next(), further.next());
     Ok(Raster {
         columns,
         rows,
@@ -92,6 +114,7 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
         cell: place.cell,
         heights: found.swap_remove(0),
         ground,
+        canopy,
         crs: place.crs.take(),
     })
 }

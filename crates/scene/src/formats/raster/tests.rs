@@ -228,6 +228,58 @@ fn a_geotiff_has_its_place_its_system_and_the_ground_as_a_second_band() {
     );
 }
 
+/// A picture of 16 bits and three colours with a place.
+fn photo(keys: &[u16]) -> Vec<u8> {
+    use ::tiff::encoder::{TiffEncoder, colortype::RGB16};
+    use ::tiff::tags::Tag;
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut file).expect("a file");
+    let mut image = encoder.new_image::<RGB16>(1, 1).expect("an image");
+    let tags = image.encoder();
+    tags.write_tag(Tag::ModelPixelScaleTag, &[2.0, 2.0, 0.0][..])
+        .expect("a tag");
+    tags.write_tag(Tag::ModelTiepointTag, &[0.0; 6][..]).expect("a tag");
+    tags.write_tag(Tag::GeoKeyDirectoryTag, keys).expect("a tag");
+    image.write_data(&[1, 2, 3]).expect("values");
+    file.into_inner()
+}
+
+#[test]
+fn crowns_stand_on_the_ground_where_a_third_band_says_how_high() {
+    let keys = [1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 28992];
+    let nothing = f32::MIN;
+    // Surface, ground, canopy; four cells of 2 m from west to east, two rows.
+    #[rustfmt::skip]
+    let values = [
+        1.0, 1.0, 8.0,   1.0, 1.0, 8.0,   1.0, 1.0, 4.0,   1.0, 1.0, 0.0,
+        // A house that is higher than one crown and stands in the other, and no surface.
+        9.5, 1.0, 8.0,   5.0, 1.0, 8.0,   1.0, 1.0, nothing,   nothing, 1.0, 8.0,
+    ];
+    let bytes = tiff_of([4, 2], 3, &values, &keys, [0.0; 6]);
+    let scene = read(&bytes, None, ReadOptions::default()).expect("a scene");
+    assert_eq!(scene.objects, ["ground", "roof", "wall", "canopy"]);
+    let crowns: Vec<_> = scene.triangles.iter().filter(|triangle| triangle.object == 3).collect();
+    assert!(crowns.iter().all(|triangle| triangle.two_sided));
+    assert!(scene.triangles.iter().all(|of| of.object == 3 || !of.two_sided));
+    // From 3 to 9 over two cells, from 2 to 5 over one, from the roof at 5 to 9 over one.
+    let level = 2.0 * (8.0 + 4.0) + 4.0;
+    let height = |low: f64, high: f64| high - low;
+    // Sides of 2 m. First crown: two to the north, one to the west, one to the south of the first cell, one to the south
+    // of the second beside the crown on the roof, one to the east beside the lower crown.
+    let first = 4.0 * height(3.0, 9.0) + height(3.0, 5.0) + height(5.0, 9.0);
+    // Second: north, east, south, and below the first.
+    let second = 3.0 * height(2.0, 5.0) + height(2.0, 3.0);
+    // On the roof: west, south, east.
+    let third = 3.0 * height(5.0, 9.0);
+    let found = area(&scene, 3);
+    assert!((found - level - 2.0 * (first + second + third)).abs() < 1e-9, "{found}");
+    // Without the band nothing else changes.
+    let two: Vec<f32> = values.chunks(3).flat_map(|cell| [cell[0], cell[1]]).collect();
+    let bare = read(&tiff_of([4, 2], 2, &two, &keys, [0.0; 6]), None, ReadOptions::default()).expect("a scene");
+    let rest: Vec<_> = scene.triangles.iter().filter(|of| of.object < 3).cloned().collect();
+    assert_eq!(bare.triangles, rest);
+}
+
 #[test]
 fn in_a_folder_a_raster_of_heights_is_a_part_of_the_scene_and_a_picture_is_none() {
     use ::tiff::encoder::{TiffEncoder, colortype::Gray8};
@@ -239,7 +291,7 @@ fn in_a_folder_a_raster_of_heights_is_a_part_of_the_scene_and_a_picture_is_none(
     let grid = "ncols 2\nnrows 1\nxllcorner 10\nyllcorner 0\ncellsize 1\n0 1\n";
     std::fs::write(file("yard.asc"), grid).expect("a file");
     // An orthophoto with a place, a texture without one, and what is no TIFF.
-    std::fs::write(file("photo.tif"), tiff_of([1, 1], 3, &[1.0; 3], &keys, [0.0; 6])).expect("a file");
+    std::fs::write(file("photo.tif"), photo(&keys)).expect("a file");
     let mut classes = std::io::Cursor::new(Vec::new());
     let mut encoder = TiffEncoder::new(&mut classes).expect("a file");
     encoder.write_image::<Gray8>(1, 1, &[7]).expect("an image");
@@ -264,7 +316,8 @@ fn a_tiff_without_a_place_in_degrees_or_of_colours_is_refused() {
         assert!(error.contains(reason), "{error}");
     };
     refused(&tiff_of([1, 1], 1, &[1.0], &keys, [0.0; 6]), "degrees");
-    refused(&tiff_of([1, 1], 3, &[1.0; 3], &keys, [0.0; 6]), "one band");
+    refused(&photo(&keys), "one band");
+    refused(&tiff_of([1, 1], 4, &[1.0; 4], &keys, [0.0; 6]), "other bands");
     let mut file = std::io::Cursor::new(Vec::new());
     let mut encoder = ::tiff::encoder::TiffEncoder::new(&mut file).expect("a file");
     encoder
