@@ -36,8 +36,8 @@ const ROOF: f64 = 2.0;
 /// Lower, light below trees is missed from the side; higher, shade.
 const TRUNK: f64 = 0.25;
 
-/// Returns whether a file of a folder is a height model: an ASCII grid, or a TIFF of one or two bands of more than eight
-/// bits, or three of reals, that says where its cells lie. Others are textures, photographs and maps of classes.
+/// Returns whether a file of a folder is a height model: an ASCII grid, a TIFF of up to three bands of reals, or of one or
+/// two of more than eight bits that says where its cells lie. Others are textures, photographs and maps of classes.
 pub(crate) fn is_height_model(path: &Path) -> bool {
     let is_grid = path
         .extension()

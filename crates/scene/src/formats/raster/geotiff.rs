@@ -29,19 +29,19 @@ fn wrong(error: TiffError) -> Error {
     }
 }
 
-/// Returns whether a TIFF has one or two bands of more than eight bits, or three of reals, and says where its cells lie.
+/// Returns whether a TIFF has up to three bands of reals, or one or two of more than eight bits and a place of its cells.
+/// Pictures are of integers: reals without a place are heights that lack it, which reading them says.
 pub(super) fn has_heights(path: &Path) -> Result<bool, TiffError> {
     let mut image = Decoder::new(BufReader::new(File::open(path)?))?;
-    let is_of_heights = match image.colortype()? {
-        ColorType::Gray(bits) | ColorType::GrayA(bits) => bits > 8,
-        ColorType::Multiband { bit_depth, num_samples } => {
-            bit_depth > 8 && (num_samples <= 2 || num_samples == 3 && is_of_reals(&mut image)?)
-        }
-        _ => false,
+    let (bits, bands) = match image.colortype()? {
+        ColorType::Gray(bits) => (bits, 1),
+        ColorType::GrayA(bits) => (bits, 2),
+        ColorType::Multiband { bit_depth, num_samples } => (bit_depth, num_samples),
+        _ => return Ok(false),
     };
     let has_place =
         image.find_tag(Tag::ModelPixelScaleTag)?.is_some() || image.find_tag(Tag::ModelTransformationTag)?.is_some();
-    Ok(is_of_heights && has_place)
+    Ok(bands <= 3 && is_of_reals(&mut image)? || bands <= 2 && bits > 8 && has_place)
 }
 
 /// Returns whether values of an image are real numbers.

@@ -282,7 +282,8 @@ fn crowns_stand_on_the_ground_where_a_third_band_says_how_high() {
 
 #[test]
 fn in_a_folder_a_raster_of_heights_is_a_part_of_the_scene_and_a_picture_is_none() {
-    use ::tiff::encoder::{TiffEncoder, colortype::Gray8};
+    use ::tiff::encoder::TiffEncoder;
+    use ::tiff::encoder::colortype::{Gray8, Gray32Float};
     let folder = tempfile::tempdir().expect("a folder");
     let file = |name: &str| folder.path().join(name);
     let keys = [1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 28992];
@@ -302,6 +303,17 @@ fn in_a_folder_a_raster_of_heights_is_a_part_of_the_scene_and_a_picture_is_none(
     let scene = crate::load(folder.path(), ReadOptions::default()).expect("a scene");
     let names = ["dem/surface", "dem/wall", "house", "yard/surface", "yard/wall"];
     assert_eq!(scene.objects, names);
+    // Heights that lack their place are no picture, and are not passed over.
+    let mut lost = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut lost).expect("a file");
+    encoder.write_image::<Gray32Float>(1, 1, &[7.5]).expect("an image");
+    std::fs::write(file("lost.tif"), lost.into_inner()).expect("a file");
+    let error = crate::load(folder.path(), ReadOptions::default()).expect_err("no place");
+    let error = error.to_string();
+    assert!(
+        error.contains("lost.tif") && error.contains("where its cells lie"),
+        "{error}"
+    );
     assert_eq!(
         (scene.up, scene.crs.as_deref()),
         (Some(crate::Axis::Z), Some("EPSG:28992"))
