@@ -1,11 +1,13 @@
 //! Portals of a run: mirrors and panes from a TOML file, planes of symmetry, sectors and periods from the command line.
 
+use crate::args::Talk;
 use crate::prepare::Prepared;
 use crate::toml_file;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use hemicube::HierarchyOptions;
 use hemicube::driver::glazing::{Glazing, laws_of_scene};
+use hemicube::portal::sight::{MIRRORS, ThroughPortals};
 use hemicube::portal::{ImageError, ImageSettings, Images, Period, Portals, Sector, Specular, Symmetry};
 use hemicube_scene::{Axis, ReadOptions};
 use std::path::{Path, PathBuf};
@@ -275,6 +277,17 @@ fn specular(path: &Path, prepared: &Prepared, bound: f64, band: usize) -> Result
         Ok(Specular::new(scene, &prepared.patches, &materials, &objects, bound)?)
     };
     fit().with_context(|| format!("`{}` does not fit `{}`", path.display(), prepared.input.path))
+}
+
+/// Warns where suns are reflected in more directions than are followed.
+pub(crate) fn tell_of_reflections(portals: &Portals, prepared: &Prepared, talk: Talk) {
+    let Some(specular) = &portals.specular else { return };
+    if ThroughPortals::new(specular, portals.images.as_ref(), &prepared.model).leaves_out_reflections() {
+        talk.warn(&format!(
+            "mirrors of many directions: suns are followed off the largest alone, and off fewer than {MIRRORS} of them one \
+             after the other"
+        ));
+    }
 }
 
 #[cfg(test)]

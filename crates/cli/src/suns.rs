@@ -19,6 +19,7 @@
 //! its surface.
 
 use crate::exit::hinted;
+use crate::report::{count, counted};
 use crate::table::{Head, head, short, told};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -140,6 +141,16 @@ impl Moment {
 /// Names of the column of altitudes.
 pub(crate) const ALTITUDE: [&str; 2] = ["altitude", "elevation"];
 
+/// Of an angle in degrees; at its quarters exactly 0 and ±1, so that a sun along a wall does not graze it.
+fn sine_and_cosine(degrees: f64) -> [f64; 2] {
+    let (sine, cosine) = degrees.to_radians().sin_cos();
+    if degrees % 90.0 == 0.0 {
+        [sine.round(), cosine.round()]
+    } else {
+        [sine, cosine]
+    }
+}
+
 /// The direction with an azimuth (degrees clockwise from north) and an altitude (degrees), along east, north and up.
 ///
 /// # Errors
@@ -151,7 +162,7 @@ pub(crate) fn direction_of(azimuth: f64, altitude: f64) -> Result<DVec3> {
     if altitude.abs() > 90.0 {
         bail!("the altitude is {altitude}°, beyond 90°; it is counted from the horizon");
     }
-    let ((sine, cosine), (height, across)) = (azimuth.to_radians().sin_cos(), altitude.to_radians().sin_cos());
+    let ([sine, cosine], [height, across]) = (sine_and_cosine(azimuth), sine_and_cosine(altitude));
     Ok(DVec3::new(across * sine, across * cosine, height))
 }
 
@@ -350,20 +361,35 @@ impl Suns {
         Ok(found)
     }
 
-    /// Turns directions of a table of angles into the scene's axes.
+    /// Turns directions of a table of angles into the scene's axes. Their suns below the horizon send nothing; returns the
+    /// warning of it where the table says otherwise.
     ///
     /// # Errors
     /// When there are such, and the scene has no horizon.
-    pub(crate) fn turn(&mut self, horizon: impl FnOnce() -> Result<Horizon>) -> Result<()> {
+    pub(crate) fn turn(&mut self, horizon: impl FnOnce() -> Result<Horizon>) -> Result<Option<String>> {
         if !self.is_of_angles {
-            return Ok(());
+            return Ok(None);
         }
         let horizon = horizon().with_context(|| format!("`{}` has an azimuth", self.path.display()))?;
+        let mut below = 0;
         for moment in &mut self.moments {
+            let is_below = moment.direction.z < 0.0;
             moment.direction = horizon.direction(moment.direction.to_array());
+            if is_below && moment.direct > 0.0 {
+                moment.direct = 0.0;
+                below += 1;
+            }
         }
         self.is_of_angles = false;
-        Ok(())
+        Ok((below > 0).then(|| {
+            format!(
+                "{} of {} in `{}` with direct light from below the horizon: it is left out; directions by `x,y,z` are taken \
+                 from anywhere",
+                count(below),
+                counted(self.moments.len() as u64, "moment"),
+                self.path.display()
+            )
+        }))
     }
 
     /// Number of moments.
@@ -515,6 +541,11 @@ mod tests {
             let (mut suns, horizon) = (table.clone(), Horizon::new(up, 0.0));
             suns.turn(|| Ok(horizon)).expect("a horizon");
             let expected = [east, south * 0.75_f64.sqrt() + horizon.up * 0.5, horizon.up];
+            // A sun along an axis is that axis.
+            assert_eq!(
+                [suns.moments[0].direction, suns.moments[2].direction],
+                [east, horizon.up]
+            );
             for (moment, expected) in suns.moments.iter().zip(expected) {
                 assert!((moment.direction - expected).length() < 1e-15, "{up:?}: {moment:?}");
             }
@@ -523,6 +554,10 @@ mod tests {
             suns.turn(|| Ok(Horizon::new(up, 90.0))).expect("a horizon");
             assert_eq!(suns, turned);
         }
+        let mut night = read("azimuth,altitude,direct\n0,-1,700\n0,-0,700\n");
+        let warning = night.turn(|| Ok(Horizon::new(Axis::Z, 0.0))).expect("a horizon");
+        assert!(warning.is_some_and(|said| said.starts_with("1 of 2 moments in `s.csv` with direct light from below")));
+        assert_eq!([night.moments[0].direct, night.moments[1].direct], [0.0, 700.0]);
         let both = read("x,y,z,azimuth,altitude,direct\n0,0,2,90,0,1\n");
         assert_eq!(both.moments[0].direction, DVec3::Z);
         let refused = read("azimuth,altitude,direct\n0,9,1\n").turn(|| bail!("no horizon"));

@@ -334,3 +334,113 @@ fn a_point_has_the_sun_off_a_mirror() {
     near(found[0][0], 0.8 * 0.5f64.sqrt() * 500.0, 1e-3);
     assert_eq!([found[1][0], found[2][0]], [0.0, 0.0]);
 }
+
+/// A wall far from the point, and a mirror, which has rays followed: what lies beyond the scene's size hides, too.
+#[test]
+fn a_wall_hides_the_sun_from_a_point_far_outside_of_the_scene() {
+    let place = Place::new();
+    place.write(
+        "wall.obj",
+        obj(&[
+            ("wall", [[0., -1., 0.], [0., -1., 2.], [0., 1., 2.], [0., 1., 0.]]),
+            ("mirror", [[-1., 0., 0.], [-1., 1., 0.], [-0.9, 1., 0.], [-0.9, 0., 0.]]),
+        ]),
+    );
+    place.write("mirror.toml", "[object.mirror]\nspecular = 0.8\n");
+    place.write("far.csv", "9 0 1 -1 0 0\n");
+    place.write("day.csv", "x,y,z,direct\n-1,0,0,1000\n-1,0,0.2,1000\n");
+    place
+        .line("points wall.obj --up z --points far.csv --suns day.csv -o light.csv --specular mirror.toml --quiet")
+        .is(0);
+    let found = of_points(&place);
+    assert_eq!(found[0][0], 0.0);
+    near(found[1][0], 1000.0 / (1.0f64 + 0.04).sqrt(), 0.01);
+}
+
+#[test]
+fn a_mirror_on_the_floor_shows_any_sky() {
+    let place = Place::new();
+    place.write(
+        "floor.obj",
+        obj(&[(
+            "mirror",
+            [[-99., -99., 0.], [99., -99., 0.], [99., 99., 0.], [-99., 99., 0.]],
+        )]),
+    );
+    place.write("mirror.toml", "[object.mirror]\nspecular = 0.9\n");
+    place.write("down.csv", "0.3 0.2 1 0 0 -1\n");
+    let skies = ["uniform", "overcast", "clear", "perez"];
+    let day: Vec<String> = skies.iter().map(|sky| format!("0.3,0.2,0.9,300,100,{sky}\n")).collect();
+    place.write("day.csv", format!("x,y,z,direct,diffuse,sky\n{}", day.concat()));
+    place
+        .line("points floor.obj --up z --points down.csv --suns day.csv -o light.csv --specular mirror.toml --quiet")
+        .is(0);
+    // All but what passes the mirror's edge, a ten-thousandth.
+    for (sky, found) in skies.iter().zip(of_points(&place)) {
+        assert!((found[1] - 90.0).abs() < 0.5, "{sky}: {found:?}");
+    }
+}
+
+/// What a mirror overhead shows of the ground is no sky: lines of a table do not depend on each other.
+#[test]
+fn an_even_sky_is_the_same_beside_others() {
+    let place = Place::new();
+    place.write(
+        "lid.obj",
+        obj(&[("mirror", [[-1., -1., 1.], [-1., 1., 1.], [1., 1., 1.], [1., -1., 1.]])]),
+    );
+    place.write("mirror.toml", "[object.mirror]\nspecular = 0.9\n");
+    place.write("up.csv", "0 0 0 0 0 1\n");
+    let diffuse = |lines: &str| {
+        place.write("day.csv", format!("x,y,z,direct,diffuse,sky,ground\n{lines}"));
+        place
+            .line("points lid.obj --up z --points up.csv --suns day.csv -o light.csv --specular mirror.toml --quiet --overwrite")
+            .is(0);
+        of_points(&place)
+            .into_iter()
+            .map(|found| found[1])
+            .collect::<Vec<f64>>()
+    };
+    let alone = diffuse("0,0,1,0,100,uniform,0.5\n")[0];
+    // The view factor of the lid from the point below its middle (Howell C-3, four of them).
+    let slant = 2.0f64.sqrt();
+    let lid = 4.0 * (2.0 / slant * (1.0 / slant).atan()) / TAU;
+    near(alone, 100.0 * (1.0 - lid), 0.5);
+    let beside = diffuse("0,0,1,0,100,overcast,0\n0,0,1,0,100,uniform,1\n0,0,1,0,100,overcast,1\n");
+    near(beside[1], alone, 1e-3);
+    assert_eq!(beside[0], beside[2]);
+}
+
+/// Sun and reflected light at points go by the north of the sky rows that the reflected light was made with.
+#[test]
+fn one_north_is_of_sun_and_reflections() {
+    let place = Place::new();
+    place.write(
+        "walls.obj",
+        obj(&[
+            ("west", [[-2., -1., 0.], [-2., 1., 0.], [-2., 1., 2.], [-2., -1., 2.]]),
+            ("floor", [[-2., -2., 0.], [2., -2., 0.], [2., 2., 0.], [-2., 2., 0.]]),
+        ]),
+    );
+    place.write("m.toml", "bands = [\"all\"]\n[default]\nreflectance = 0.5\n");
+    place.write("day.csv", "azimuth,altitude,direct\n0,20,1000\n");
+    place.write("p.csv", "0 0 1 1 0 0\n");
+    place.line("compute walls.obj --up z -o f -q").is(0);
+    // North lies to the east.
+    place.line("sky walls.obj --matrix f --north 90 -q").is(0);
+    place.line("solve f --materials m.toml --suns day.csv -q").is(0);
+    let direct = |options: &str| {
+        place
+            .line(&format!(
+                "points walls.obj --up z --points p.csv --suns day.csv -o light.csv -q --overwrite {options}"
+            ))
+            .is(0);
+        of_points(&place)[0][0]
+    };
+    near(
+        direct("--solution f:radiosity"),
+        1000.0 * 20f64.to_radians().cos(),
+        0.01,
+    );
+    assert_eq!(direct(""), 0.0, "north is +y of itself");
+}

@@ -10,7 +10,7 @@ use crate::outputs::Paths;
 use crate::picture::sheet::Format;
 use crate::progress::Bar;
 use crate::report::{self, JsonReport, Listing, PendingFile, SCHEMA, count, counted, figures};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use hemicube::analysis::compare::{CompareOptions, Comparison, OverRows, RowDifference, compare_rows};
 use hemicube::store::Matrix;
@@ -148,7 +148,13 @@ impl<'a> Output<'a> {
         if let Ok(format) = PatchFormat::of(file) {
             return Ok(Self::Map(format, file));
         }
-        Ok(Self::Picture(Format::of(file)?, PendingFile::create(file)?))
+        let Ok(format) = Format::of(file) else {
+            bail!(
+                "`-o {}`: a name that ends in .svg or .png is needed, or in .csv, .vtp, .vtu, .glb or .ply for a map",
+                file.display()
+            );
+        };
+        Ok(Self::Picture(format, PendingFile::create(file)?))
     }
 }
 

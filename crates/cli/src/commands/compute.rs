@@ -778,7 +778,7 @@ fn tell_taken(arguments: &Arguments, run: &Run<'_>, update: Option<&Update>, tal
         let [removed, added] = update.changed().map(count);
         talk.say(&format!(
             "{} of {} taken over from `{}`: nothing of what changed can be seen there ({removed} patches gone, {added} new)",
-            count(taken.count),
+            count(run.plan.rows.iter().filter(|&&patch| taken.is_taken(patch)).count() as u64),
             counted(run.plan.rows.len() as u64, "row"),
             directory.display(),
         ));

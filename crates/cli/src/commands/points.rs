@@ -348,7 +348,15 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     prepared.tell_up(arguments.patches.up, talk);
     let horizon = Horizon::new(up, 0.0);
     if let Some(table) = &mut table {
-        table.turn(|| Ok(horizon))?;
+        // Sun and reflected light go by one north.
+        let lit = solutions
+            .iter()
+            .map(|(store, _)| store)
+            .find(|store| stored::sky(store).is_ok());
+        let of_sky = lit.map(|store| stored::horizon(store, &prepared)).transpose()?;
+        if let Some(warning) = table.turn(|| Ok(of_sky.unwrap_or(horizon)))? {
+            talk.warn(&warning);
+        }
     }
     let started = Instant::now();
     let source = match listed {
@@ -363,6 +371,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let hours = match table {
         Some(table) => {
             Hours::require_one_cell(&portals)?;
+            crate::portals::tell_of_reflections(&portals, &prepared, talk);
             Some(Hours::new(
                 arguments,
                 table,

@@ -8,6 +8,7 @@ use crate::help::{SCENE, examples, scene_help};
 use crate::level::asked as asked_for;
 use crate::level::percentage;
 use crate::outputs::Paths;
+use crate::portals;
 use crate::prepare::{Prepared, axis_name, prepare};
 use crate::progress::Bar;
 use crate::report::{
@@ -23,7 +24,7 @@ use hemicube::backend::{Culling, HemicubeBackend, RenderSettings, WHOLE};
 use hemicube::diagnose::{Place, places};
 use hemicube::driver::room::Work;
 use hemicube::portal::specular::SpecularRecord;
-use hemicube::portal::{Images, Specular};
+use hemicube::portal::{Images, Portals, Specular};
 use hemicube::reference::{Reference, ReferenceSettings};
 use hemicube::sky::{
     Glazed, Horizon, LEVELS, PointRow, SUN_ERROR, SensorPoint, SkyDivision, SkyOptions, SkyRow, hemicubes_along,
@@ -281,7 +282,7 @@ fn read_suns(path: &Path) -> Result<(Listed<DVec3>, bool)> {
     let is_of_angles = table::names_column(path, "azimuth")? && !table::names_column(path, "x")?;
     if is_of_angles {
         let [altitude, elevation] = ALTITUDE;
-        let is_elevation = table::names_column(path, elevation)?;
+        let is_elevation = !table::names_column(path, altitude)? && table::names_column(path, elevation)?;
         for row in table::read(path, ["azimuth", if is_elevation { elevation } else { altitude }])? {
             let [azimuth, altitude] = row.values;
             let sun = direction_of(azimuth, altitude);
@@ -408,7 +409,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         Some(store) => Some(store.directory().join("sky")),
         None => arguments.folders().next().cloned(),
     };
-    require_places(arguments, output.as_deref())?;
+    require_places(arguments, output.as_deref(), is_of_angles)?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     let started = Instant::now();
     let mut prepared = prepare_scene(arguments, store.as_ref())?;
@@ -420,8 +421,8 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     prepared.tell(talk);
     let up = match arguments.horizon {
-        // Up only turns the patches of the sky.
-        HorizonName::None if !is_of_angles => prepared.up_or_guess(arguments.patches.up, talk),
+        // Up only turns the patches of the sky, which nobody reads.
+        HorizonName::None if !is_of_angles && output.is_none() => prepared.up_or_guess(arguments.patches.up, talk),
         _ => {
             prepared.tell_up(arguments.patches.up, talk);
             prepared.up(arguments.patches.up)?
@@ -440,6 +441,11 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let misplaced = misplaced(&prepared, &points, horizon);
     tell_of_points(arguments, points.items.len(), &misplaced, talk);
     let specular = specular(arguments, &prepared, store.as_ref())?;
+    let portals = Portals { images, specular };
+    if !suns.items.is_empty() {
+        portals::tell_of_reflections(&portals, &prepared, talk);
+    }
+    let Portals { images, specular } = portals;
     require_memory(arguments, &prepared, points.items.len(), suns.items.len())?;
     let matrix = store.as_ref().map(|store| of_matrix(store, &prepared)).transpose()?;
     let task = Task {
@@ -513,7 +519,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
 }
 
 /// Refuses outputs that would leave out what was asked for.
-fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
+fn require_places(arguments: &Arguments, output: Option<&Path>, is_of_angles: bool) -> Result<()> {
     let folders: Vec<&PathBuf> = arguments.folders().collect();
     if let (Some(_), [folder, ..]) = (&arguments.matrix, &folders[..]) {
         return Err(hinted(
@@ -531,7 +537,7 @@ fn require_places(arguments: &Arguments, output: Option<&Path>) -> Result<()> {
         ("--points", arguments.points.is_some()),
         ("--suns", arguments.suns.is_some() && arguments.by.is_none()),
         ("--division", arguments.division != Division(1)),
-        ("--north", arguments.north != 0.0),
+        ("--north", arguments.north != 0.0 && !is_of_angles),
     ];
     for (option, is_asked) in asked {
         if is_asked && output.is_none() {

@@ -363,12 +363,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     };
     let mut planets = None;
     if let (Some(suns), Some(prepared)) = (&mut suns, &prepared) {
-        suns.turn(|| stored::horizon(&store, prepared))?;
+        if let Some(warning) = suns.turn(|| stored::horizon(&store, prepared))? {
+            talk.warn(&warning);
+        }
     }
     let sun = match (&suns, &mut prepared) {
         (Some(suns), Some(prepared)) => {
             let mut arriving = suns::skylight(arguments, &store, &rows, suns, talk)?;
-            let lit = Lit::new(arguments, &store, prepared)?;
+            let lit = Lit::new(arguments, &store, prepared, talk)?;
             lit.add(suns, &mut arriving)?;
             planets = lit.planets(suns, table.len())?;
             if let Some(planets) = &planets {

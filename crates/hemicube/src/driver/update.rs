@@ -213,6 +213,7 @@ impl Update {
                 reason: format!("its `{what}` is {earlier}, and {now} is asked for here; ask for the same"),
             })
         };
+        let is_plain = |value: &serde_json::Value| !value.is_object() && !value.is_array() && !value.is_null();
         let now = serde_json::to_value(settings).unwrap_or_default();
         let keys = |value: &serde_json::Value| -> Vec<String> {
             value
@@ -224,8 +225,14 @@ impl Update {
         let none = serde_json::Value::Null;
         for name in names.iter().filter(|name| !FREE.contains(&name.as_str())) {
             let [earlier, now] = [&manifest.settings, &now].map(|of| of.get(name).unwrap_or(&none));
-            if earlier != now {
+            if earlier != now && is_plain(earlier) && is_plain(now) {
                 return refused(name, earlier, now);
+            }
+            if earlier != now {
+                return Err(UpdateError::Unsuitable {
+                    directory: self.store.directory().to_owned(),
+                    reason: format!("its `{name}` differs from what is asked for here; ask for the same"),
+                });
             }
         }
         if manifest.form != header.form {

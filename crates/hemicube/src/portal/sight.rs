@@ -14,6 +14,7 @@ use crate::delta::DeltaTable;
 use crate::face::{Face, Items};
 use crate::geometry::Plane;
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Parts of a pixel's unit of weight.
@@ -53,8 +54,10 @@ pub struct ThroughPortals {
     tracer: Tracer,
     motions: Motions,
     bound: f64,
-    /// Normals of the planes of mirrors, one of each.
+    /// Normals of the planes of mirrors, one of each, the largest first.
     mirrors: Vec<DVec3>,
+    /// True if there are more planes of mirrors than that.
+    has_more: bool,
 }
 
 /// Calls back with the ends of paths.
@@ -141,24 +144,35 @@ impl ThroughPortals {
     /// Mirrors and panes of a model, which has `images` of a cell.
     pub fn new(specular: &Specular, images: Option<&Images>, model: &Model) -> Self {
         let laws = specular.laws(images, model.geometry().patch_count);
-        let mut mirrors: Vec<DVec3> = Vec::new();
+        // By their areas: where there are too many, the smallest are left out, whatever their order in the scene.
+        let mut planes: BTreeMap<[i64; 3], (DVec3, f64)> = BTreeMap::new();
         for (patch, optics) in (0u32..).zip(&laws.means) {
             if optics.specular <= 0.0 {
                 continue;
             }
-            let Some(normal) = crate::geometry::cross(&model.normalised_corners(patch)).try_normalize() else {
+            let cross = crate::geometry::cross(&model.normalised_corners(patch));
+            let Some(normal) = cross.try_normalize() else {
                 continue;
             };
-            let is_known = |other: &DVec3| other.cross(normal).length_squared() < SAME * SAME;
-            if mirrors.len() < DIRECTIONS_MAX && !mirrors.iter().any(is_known) {
-                mirrors.push(normal);
-            }
+            // Planes that rounding sets apart lead to directions that are one again.
+            #[allow(clippy::cast_possible_truncation, reason = "parts of a unit vector")]
+            let key = (normal / SAME).to_array().map(|part| part.round() as i64);
+            let plane = planes
+                .entry(key.max(key.map(i64::wrapping_neg)))
+                .or_insert((normal, 0.0));
+            plane.1 += cross.length();
         }
+        let mut planes: Vec<(DVec3, f64)> = planes.into_values().collect();
+        planes.sort_by(|(_, area), (_, other)| other.total_cmp(area));
+        let has_more = planes.len() > DIRECTIONS_MAX;
+        planes.truncate(DIRECTIONS_MAX);
+        let mirrors = planes.into_iter().map(|(normal, _)| normal).collect();
         Self {
             tracer: Tracer::new(Tree::of(model.geometry()), laws),
             motions: Motions::default(),
             bound: specular.bound,
             mirrors,
+            has_more,
         }
     }
 
@@ -316,13 +330,24 @@ impl ThroughPortals {
         beam.reached as f64 / BEAM as f64
     }
 
+    /// Returns whether a sun is reflected in more directions than are followed: off so many planes of mirrors.
+    pub fn leaves_out_reflections(&self) -> bool {
+        self.has_more || self.directions_and_rest(DVec3::new(0.36, 0.48, 0.8)).1
+    }
+
     /// The directions that may lead to a sun: its own, and those reflected in up to [`MIRRORS`] planes.
     fn directions(&self, sun: DVec3) -> Vec<DVec3> {
+        self.directions_and_rest(sun).0
+    }
+
+    /// The directions, and whether there are others.
+    fn directions_and_rest(&self, sun: DVec3) -> (Vec<DVec3>, bool) {
         let mut found = vec![sun];
-        let mut begin = 0;
+        let (mut begin, mut leaves_out) = (0, false);
         for _ in 0..MIRRORS {
             let end = found.len();
             if (end - begin).saturating_mul(self.mirrors.len()) > DIRECTIONS_MAX * MIRRORS {
+                leaves_out = true;
                 break;
             }
             for at in begin..end {
@@ -330,14 +355,19 @@ impl ThroughPortals {
                     let towards = found[at];
                     let reflected = (towards - 2.0 * normal.dot(towards) * normal).normalize();
                     let is_known = |other: &DVec3| (*other - reflected).length_squared() < SAME * SAME;
-                    if found.len() < DIRECTIONS_MAX && !found.iter().any(is_known) {
+                    if found.iter().any(is_known) {
+                        continue;
+                    }
+                    if found.len() < DIRECTIONS_MAX {
                         found.push(reflected);
+                    } else {
+                        leaves_out = true;
                     }
                 }
             }
             begin = end;
         }
-        found
+        (found, leaves_out)
     }
 }
 

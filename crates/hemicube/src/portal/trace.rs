@@ -12,6 +12,12 @@ use std::sync::Arc;
 /// Length of a leg: longer than any way through the scene, which fits a cube of side 2.
 const FAR: f64 = 4.0;
 
+/// Length of a leg from a point, which may lie outside of that cube: as far longer as it stands off.
+fn leg_from(from: DVec3) -> f64 {
+    let off = from.length_squared();
+    if off > 3.0 { FAR + off.sqrt() } else { FAR }
+}
+
 /// Most portals of a path.
 pub(super) const PASSES_MAX: u32 = 10_000;
 
@@ -152,7 +158,7 @@ impl Tracer {
     /// Follows the branches left by [`Self::meet`].
     pub(super) fn follow_rest(&mut self, ends: Ends, motions: &mut Motions, tally: &mut impl Tally) {
         while let Some(ray) = self.rays.pop() {
-            let leg = (ends.reach - ray.length).min(FAR);
+            let leg = (ends.reach - ray.length).min(leg_from(ray.from));
             if leg <= 0.0 {
                 continue;
             }

@@ -22,7 +22,7 @@ mod ascii;
 mod faces;
 mod geotiff;
 
-use crate::{Axis, Error, ErrorKind, Material, ReadOptions, Scene, Triangle};
+use crate::{Axis, Error, ErrorKind, Fate, Kind, Ledger, Material, ReadOptions, Scene, Triangle};
 use glam::DVec3;
 use std::path::Path;
 
@@ -63,6 +63,13 @@ struct Raster {
     crs: Option<String>,
 }
 
+impl Raster {
+    /// Returns whether a cell has no surface, or none of its ground is known.
+    fn is_bare(&self, cell: usize) -> bool {
+        self.heights[cell].is_nan() || self.ground.as_ref().is_some_and(|ground| ground[cell].is_nan())
+    }
+}
+
 /// Reads a height model from the bytes of a file.
 ///
 /// # Errors
@@ -98,7 +105,8 @@ pub fn read(bytes: &[u8], _base_dir: Option<&Path>, options: ReadOptions) -> Res
     if !corners.iter().all(|corner| corner.is_finite()) || !raster.cell.iter().all(|edge| *edge > 0.0) {
         return Err(Error::malformed("has no cells of a finite size at a finite place"));
     }
-    if raster.heights.iter().any(|height| height.is_infinite()) {
+    let bands = [Some(&raster.heights), raster.ground.as_ref(), raster.canopy.as_ref()];
+    if bands.into_iter().flatten().flatten().any(|height| height.is_infinite()) {
         return Err(Error::malformed("has an infinite height"));
     }
     scene(raster, options)
@@ -177,7 +185,28 @@ fn scene(raster: Raster, options: ReadOptions) -> Result<Scene, Error> {
         }
         face += 1;
     });
+    let mut ledger = Ledger::default();
+    let without =
+        |cell: &usize| raster.canopy.as_ref().is_some_and(|canopy| canopy[*cell] > 0.0) && raster.is_bare(*cell);
+    let trees: Vec<usize> = (0..raster.heights.len()).filter(without).collect();
+    if let Some(first) = trees.first() {
+        let kind = Kind {
+            fate: Fate::LeftOut,
+            what: "cell of canopy without the height of the surface or the ground",
+            next: "fill those bands",
+        };
+        let area = raster.cell[0] * raster.cell[1] * trees.len() as f64;
+        let place = || {
+            format!(
+                "column {}, row {}",
+                first % raster.columns + 1,
+                first / raster.columns + 1
+            )
+        };
+        ledger.lose(kind, trees.len() as u64, Some(area), place);
+    }
     Ok(Scene {
+        ledger,
         triangles,
         objects: names.iter().map(|&name| name.to_owned()).collect(),
         materials: names

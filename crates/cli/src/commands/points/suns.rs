@@ -238,7 +238,7 @@ impl Hours {
         let what = format!("results of {} points and moments", count(results));
         forecast::require(prepared.budget, results * size_of::<Felt>() as u64, &what, FEWER)?;
         let reference = Reference::new(&prepared.model, ReferenceSettings::default())?;
-        let skies = self.skies(prepared, sensors)?;
+        let skies = self.skies(prepared, sensors, portals)?;
         let each = sensors.items.first().map_or(1, |sensor| sensor.body.rows());
         let share = sensors.items.len().div_ceil(threads.max(1)).max(1);
         let found: Vec<Vec<Felt>> = thread::scope(|scope| {
@@ -273,7 +273,7 @@ impl Hours {
         Ok(found.into_iter().flatten().collect())
     }
 
-    fn skies(&self, prepared: &Prepared, sensors: &Sensors) -> Result<Option<Skies>> {
+    fn skies(&self, prepared: &Prepared, sensors: &Sensors, portals: &Portals) -> Result<Option<Skies>> {
         if self.suns.uneven().is_none() {
             return Ok(None);
         }
@@ -282,14 +282,21 @@ impl Hours {
         let what = format!("skies of {}", counted(self.suns.len() as u64, "moment"));
         forecast::require(prepared.budget, 8 * numbers, &what, FEWER)?;
         let horizon = sensors.horizon;
+        // A mirror below shows the sky, too.
+        let ways = if portals.specular.is_some() {
+            [1.0, -1.0].as_slice()
+        } else {
+            &[1.0]
+        };
         let radiances: Vec<Vec<f64>> = (0..self.suns.len())
             .map(|at| self.suns.radiances(at, &division, horizon))
             .collect::<Result<_>>()?;
         let rays: Vec<SkyRay> = (1..division.columns())
-            .map(|column| {
+            .flat_map(|column| ways.iter().map(move |way| (column, way)))
+            .map(|(column, way)| {
                 let middle = division.middle(column);
                 SkyRay {
-                    direction: horizon.direction(middle.to_array()),
+                    direction: horizon.direction([middle.x, middle.y, way * middle.z]),
                     solid_angle: division.solid_angle(column),
                     column: column as usize,
                 }
@@ -323,6 +330,10 @@ impl Hours {
                     continue;
                 }
                 for (towards, share) in open.leaving(item.position, ray.direction) {
+                    // What leaves downwards goes to the ground.
+                    if towards.dot(horizon.up) < 0.0 {
+                        continue;
+                    }
                     let column = if towards == ray.direction {
                         ray.column
                     } else {

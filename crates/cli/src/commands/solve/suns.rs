@@ -211,8 +211,9 @@ pub(super) struct Lit<'a> {
 
 impl<'a> Lit<'a> {
     /// The scene of a matrix, to the error of its tolerance.
-    pub(super) fn new(arguments: &Arguments, store: &Store, prepared: &'a mut Prepared) -> Result<Self> {
+    pub(super) fn new(arguments: &Arguments, store: &Store, prepared: &'a mut Prepared, talk: Talk) -> Result<Self> {
         let portals = stored::portals(store, prepared, crate::args::EngineSettings::default().hierarchy())?;
+        crate::portals::tell_of_reflections(&portals, prepared, talk);
         let tolerance = store.manifest().settings["tolerance"].as_f64();
         Ok(Self {
             prepared,

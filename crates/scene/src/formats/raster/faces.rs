@@ -3,6 +3,9 @@
 use super::{ROOF, Raster, TRUNK};
 use glam::DVec3;
 
+/// How far crowns stand off walls and roofs, in cells: a face in the plane of another would be seen or not by rounding. A
+/// choice, far above that, and far below a cell.
+const APART: f64 = 1e-3;
 /// No rectangle: outside, or without a surface.
 const NONE: u32 = u32::MAX;
 
@@ -141,7 +144,8 @@ impl Plan {
             let (ground, canopy) = (raster.ground.as_ref()?[cell], raster.canopy.as_ref()?[cell]);
             let (low, high) = (ground + TRUNK * canopy, ground + canopy);
             // What lies below a roof is no crown. Without a surface there is none, either.
-            let low = low.max(raster.heights[cell]);
+            let gap = APART * raster.cell[0].min(raster.cell[1]);
+            let low = low.max(raster.heights[cell] + gap);
             (canopy > 0.0 && low < high && !raster.heights[cell].is_nan()).then_some([low, high])
         };
         Self {
@@ -198,24 +202,27 @@ impl Plan {
             } = rectangle;
             let corners = [[west, south], [east, south], [east, north], [west, north]];
             meet(&corners.map(|at| place(at, high)), Kind::Crown);
-            // On a roof there is nothing below.
-            if low > raster.heights[north * raster.columns + west] {
-                meet(&corners.map(|at| place(at, low)), Kind::Crown);
-            }
+            meet(&corners.map(|at| place(at, low)), Kind::Crown);
             self.crowns.runs(rectangle, &mut runs);
             for run in &runs {
                 let beside = self.crowns.rectangles.get(run.beside as usize);
                 let [from, to] = beside.map_or([high; 2], |other| other.of);
+                // Sides stand off the cell's, in which walls stand.
+                let step = |from: usize, to: usize| f64::from(i8::from(to > from) - i8::from(to < from));
+                // Runs go counter-clockwise, rows to the south.
+                let inwards = [step(run.from[1], run.to[1]), step(run.from[0], run.to[0])];
+                let inwards = DVec3::new(inwards[0] * raster.cell[0], inwards[1] * raster.cell[1], 0.0) * APART;
+                let side = |at, height| place(at, height) + inwards;
                 // What the crown beside does not cover, below it and above it.
                 for [low, high] in [[low, high.min(from)], [low.max(to), high]] {
                     // Without one beside, all of it is below.
                     if low < high {
                         meet(
                             &[
-                                place(run.from, low),
-                                place(run.to, low),
-                                place(run.to, high),
-                                place(run.from, high),
+                                side(run.from, low),
+                                side(run.to, low),
+                                side(run.to, high),
+                                side(run.from, high),
                             ],
                             Kind::Crown,
                         );

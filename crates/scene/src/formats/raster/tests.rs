@@ -262,7 +262,7 @@ fn crowns_stand_on_the_ground_where_a_third_band_says_how_high() {
     assert!(crowns.iter().all(|triangle| triangle.two_sided));
     assert!(scene.triangles.iter().all(|of| of.object == 3 || !of.two_sided));
     // From 3 to 9 over two cells, from 2 to 5 over one, from the roof at 5 to 9 over one.
-    let level = 2.0 * (8.0 + 4.0) + 4.0;
+    let level = 2.0 * (8.0 + 4.0 + 4.0);
     let height = |low: f64, high: f64| high - low;
     // Sides of 2 m. First crown: two to the north, one to the west, one to the south of the first cell, one to the south
     // of the second beside the crown on the roof, one to the east beside the lower crown.
@@ -272,7 +272,24 @@ fn crowns_stand_on_the_ground_where_a_third_band_says_how_high() {
     // On the roof: west, south, east.
     let third = 3.0 * height(5.0, 9.0);
     let found = area(&scene, 3);
-    assert!((found - level - 2.0 * (first + second + third)).abs() < 1e-9, "{found}");
+    // Crowns stand 2 mm off walls and roofs.
+    assert!((found - level - 2.0 * (first + second + third)).abs() < 0.02, "{found}");
+    // Sides stand inside: those of the wall beside a roof and of two crowns are in no plane of others.
+    for triangle in crowns.iter().filter(|triangle| {
+        let [a, b, c] = triangle.corners;
+        (b - a).cross(c - a).z.abs() < 1e-9
+    }) {
+        let middle = triangle.corners.iter().sum::<DVec3>() / 3.0;
+        let (column, row) = ((middle.x / 2.0).floor(), (-middle.y / 2.0).floor());
+        let is_crown = row == 0.0 && (0.0..=2.0).contains(&column) || row == 1.0 && column == 1.0;
+        let off = [middle.x / 2.0, middle.y / 2.0].map(|part| (part - part.round()).abs());
+        assert!(is_crown && off.iter().any(|off| (off - 1e-3).abs() < 1e-9), "{middle}");
+    }
+    // Trees without a surface or a ground are said, heights without an end refused.
+    let loss = scene.ledger.losses().next().expect("a loss").1;
+    assert_eq!((loss.count, loss.area), (1, Some(4.0)));
+    let endless = tiff_of([1, 1], 3, &[1.0, 1.0, f32::INFINITY], &keys, [0.0; 6]);
+    assert!(read(&endless, None, ReadOptions::default()).is_err());
     // Without the band nothing else changes.
     let two: Vec<f32> = values.chunks(3).flat_map(|cell| [cell[0], cell[1]]).collect();
     let bare = read(&tiff_of([4, 2], 2, &two, &keys, [0.0; 6]), None, ReadOptions::default()).expect("a scene");
