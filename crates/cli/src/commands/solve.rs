@@ -362,10 +362,10 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         None => &stored,
     };
     let mut planets = None;
-    if let (Some(suns), Some(prepared)) = (&mut suns, &prepared) {
-        if let Some(warning) = suns.turn(|| stored::horizon(&store, prepared))? {
-            talk.warn(&warning);
-        }
+    if let (Some(suns), Some(prepared)) = (&mut suns, &prepared)
+        && let Some(warning) = suns.turn(|| stored::horizon(&store, prepared))?
+    {
+        talk.warn(&warning);
     }
     let sun = match (&suns, &mut prepared) {
         (Some(suns), Some(prepared)) => {
