@@ -6,13 +6,14 @@
 //! 12:00,0,-0.5,0.87,850,110,perez
 //! ```
 //!
-//! A line is a moment: the direction towards the sun, its irradiance across the beam and, where there is one, the sky's on
-//! a level plane that sees all of it. The direction is `x,y,z` in the scene's axes, or `azimuth,altitude` in degrees:
-//! clockwise from north, and above the horizon (`elevation` is `altitude`). The first column that is called `time`, `moment`, `hour` or
-//! `name` names the moments. Further columns: `sky` says how the sky's radiance is spread (`uniform` without it),
-//! `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K), `air_temperature` (°C),
-//! `humidity` (%) and `wind` (m/s) what else people and surfaces feel. `ground` is the reflectance of a level ground without
-//! end, in the open sun and sky, which is seen below the horizon where the scene leaves off; without it that is dark.
+//! A line is a moment: the direction towards the sun, its irradiance across the beam and, where there is one, the sky's
+//! on a level plane that sees all of it. The direction is `x,y,z` in the scene's axes, or `azimuth,altitude` in
+//! degrees: clockwise from north, and above the horizon (`elevation` is `altitude`). The first column that is called
+//! `time`, `moment`, `hour` or `name` names the moments. Further columns: `sky` says how the sky's radiance is spread
+//! (`uniform` without it), `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K),
+//! `air_temperature` (°C), `humidity` (%) and `wind` (m/s) what else people and surfaces feel. `ground` is the
+//! reflectance of a level ground without end, in the open sun and sky, which is seen below the horizon where the scene
+//! leaves off; without it that is dark.
 //!
 //! A planet below a satellite has `planet_x`, `planet_y`, `planet_z` (the direction towards its middle), `half_angle`
 //! (degrees, of its disc), and `albedo` and `infrared`: the sunlight that it reflects and the heat that it sends, W/m² of
@@ -141,7 +142,8 @@ impl Moment {
 /// Names of the column of altitudes.
 pub(crate) const ALTITUDE: [&str; 2] = ["altitude", "elevation"];
 
-/// Of an angle in degrees; at its quarters exactly 0 and ±1, so that a sun along a wall does not graze it.
+/// Returns the sine and the cosine of an angle in degrees: exactly 0 and ±1 at its quarters, so that a sun along a wall
+/// does not graze it.
 fn sine_and_cosine(degrees: f64) -> [f64; 2] {
     let (sine, cosine) = degrees.to_radians().sin_cos();
     if degrees % 90.0 == 0.0 {
@@ -361,8 +363,8 @@ impl Suns {
         Ok(found)
     }
 
-    /// Turns directions of a table of angles into the scene's axes. Their suns below the horizon send nothing; returns the
-    /// warning of it where the table says otherwise.
+    /// Turns directions of a table of angles into the scene's axes. Their suns below the horizon send nothing; returns
+    /// the warning of it where the table says otherwise.
     ///
     /// # Errors
     /// When there are such, and the scene has no horizon.

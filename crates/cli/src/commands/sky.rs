@@ -276,7 +276,8 @@ fn read_points(path: &Path) -> Result<Listed<SensorPoint>> {
     Ok(found)
 }
 
-/// Directions towards suns: along the scene's axes, or, as the second says, along east, north and up.
+/// Reads directions towards suns. The second value is true where they are along east, north and up, as of angles, and
+/// false where they are along the scene's axes.
 fn read_suns(path: &Path) -> Result<(Listed<DVec3>, bool)> {
     let mut found = Listed::default();
     let is_of_angles = table::names_column(path, "azimuth")? && !table::names_column(path, "x")?;

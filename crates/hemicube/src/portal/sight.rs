@@ -291,8 +291,9 @@ impl ThroughPortals {
         sum
     }
 
-    /// The directions in which a sun is seen from a free point, and the share of its light that comes from each: through
-    /// panes, and off mirrors. `from` is in normalised coordinates, `sun` the direction towards the sun, of length 1.
+    /// The directions in which a sun is seen from a free point, and the share of its light that comes from each:
+    /// through panes, and off mirrors. `from` is in normalised coordinates, `sun` the direction towards the sun, of
+    /// length 1.
     pub fn suns(&mut self, from: DVec3, sun: DVec3) -> Vec<(DVec3, f64)> {
         self.begin();
         let mut found = Vec::new();
@@ -305,8 +306,8 @@ impl ThroughPortals {
         found
     }
 
-    /// The directions in which a ray from a free point leaves the scene, and the parts of its weight that do. `from` is in
-    /// normalised coordinates, `towards` of length 1.
+    /// The directions in which a ray from a free point leaves the scene, and the parts of its weight that do. `from` is
+    /// in normalised coordinates, `towards` of length 1.
     pub fn leaving(&mut self, from: DVec3, towards: DVec3) -> Vec<(DVec3, f64)> {
         self.begin();
         let mut left = Left(Vec::new());

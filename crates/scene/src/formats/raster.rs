@@ -10,8 +10,8 @@
 //!   their sides they have corners, too: every edge is that of both faces beside it, watertight
 //! - objects and materials: `surface` and `wall`; with a second band of a TIFF, the height of the ground, `ground`,
 //!   `roof` and `wall`. A roof is `ROOF` above the ground or more
-//! - with a third band of reals, the height of the canopy above the ground: `canopy`, the two-sided outside of crowns from
-//!   `TRUNK` of that height up. Crowns beside each other are one where both are; what a roof covers is none
+//! - with a third band of reals, the height of the canopy above the ground: `canopy`, the two-sided outside of crowns
+//!   from `TRUNK` of that height up. Crowns beside each other are one where both are; what a roof covers is none
 //! - values without a number, and the file's own value for none: no surface
 //! - the coordinate reference system: its EPSG code; one in degrees is refused
 //!
@@ -32,12 +32,12 @@ const CELLS_MAX: u64 = 4_000_000;
 /// (Lindberg, Holmer & Thorsson 2008; 2 m). Lower, hedges become roofs; higher, sheds become ground.
 const ROOF: f64 = 2.0;
 
-/// Where a crown begins, of its height above the ground: the trunk zone of UMEP's SOLWEIG (Lindberg & Grimmond 2011; 25 %).
-/// Lower, light below trees is missed from the side; higher, shade.
+/// Where a crown begins, of its height above the ground: the trunk zone of UMEP's SOLWEIG (Lindberg & Grimmond 2011; 25
+/// %). Lower, light below trees is missed from the side; higher, shade.
 const TRUNK: f64 = 0.25;
 
-/// Returns whether a file of a folder is a height model: an ASCII grid, a TIFF of up to three bands of reals, or of one or
-/// two of more than eight bits that says where its cells lie. Others are textures, photographs and maps of classes.
+/// Returns whether a file of a folder is a height model: an ASCII grid, a TIFF of up to three bands of reals, or of one
+/// or two of more than eight bits that says where its cells lie. Others are textures, photographs and maps of classes.
 pub(crate) fn is_height_model(path: &Path) -> bool {
     let is_grid = path
         .extension()

@@ -5,10 +5,10 @@
 //! ```text
 //! direct     π k(sun) E across the beam, if nothing stands before the sun; f_p E of a person, by the sun's altitude, and
 //!            of a seated one, who faces somewhere, its azimuth
-//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it; both through panes, and
-//!            off mirrors
-//! reflected  Σ F_j B_j, of the radiosities B of a solution of light, and F_ground times what the ground below the horizon
-//!            sends, by its reflectance in the table
+//! diffuse    F_sky π L, with L the mean of k L over the open sky, by rays to 9,217 parts of it; sun and sky through
+//!            panes and off mirrors, too
+//! reflected  Σ F_j B_j, of the radiosities B of a solution of light, and F_ground times what the ground below the
+//!            horizon sends, by its reflectance in the table
 //! ```
 //!
 //! The mean radiant temperature is that of black surroundings that would be absorbed as much of (VDI 3787 part 2, 2008),
@@ -571,7 +571,7 @@ impl Open<'_> {
     }
 }
 
-/// What arrives on each side of a body of a beam of 1: π k, or the projected area of a person.
+/// Returns the irradiance of each side of a body by a beam of 1 W/m²: π k, or the projected area factor of a person.
 fn of_beam(item: &Sensor, horizon: &Horizon, sun: DVec3) -> Vec<f64> {
     let altitude = sun.dot(horizon.up).clamp(-1.0, 1.0).asin().to_degrees().abs();
     let factor = match item.body {

@@ -3,8 +3,8 @@
 use super::{ROOF, Raster, TRUNK};
 use glam::DVec3;
 
-/// How far crowns stand off walls and roofs, in cells: a face in the plane of another would be seen or not by rounding. A
-/// choice, far above that, and far below a cell.
+/// How far crowns stand off walls and roofs, in cells: a face in the plane of another would be seen or not by rounding.
+/// A choice, far above that, and far below a cell.
 const APART: f64 = 1e-3;
 /// No rectangle: outside, or without a surface.
 const NONE: u32 = u32::MAX;

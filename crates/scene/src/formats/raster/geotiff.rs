@@ -29,8 +29,8 @@ fn wrong(error: TiffError) -> Error {
     }
 }
 
-/// Returns whether a TIFF has up to three bands of reals, or one or two of more than eight bits and a place of its cells.
-/// Pictures are of integers: reals without a place are heights that lack it, which reading them says.
+/// Returns whether a TIFF has up to three bands of reals, or one or two of more than eight bits and a place of its
+/// cells. Pictures are of integers: reals without a place are heights that lack it, which reading them says.
 pub(super) fn has_heights(path: &Path) -> Result<bool, TiffError> {
     let mut image = Decoder::new(BufReader::new(File::open(path)?))?;
     let (bits, bands) = match image.colortype()? {

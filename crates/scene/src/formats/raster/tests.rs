@@ -264,8 +264,8 @@ fn crowns_stand_on_the_ground_where_a_third_band_says_how_high() {
     // From 3 to 9 over two cells, from 2 to 5 over one, from the roof at 5 to 9 over one.
     let level = 2.0 * (8.0 + 4.0 + 4.0);
     let height = |low: f64, high: f64| high - low;
-    // Sides of 2 m. First crown: two to the north, one to the west, one to the south of the first cell, one to the south
-    // of the second beside the crown on the roof, one to the east beside the lower crown.
+    // Sides of 2 m. First crown: two to the north, one to the west, one to the south of the first cell, one to the
+    // south of the second beside the crown on the roof, one to the east beside the lower crown.
     let first = 4.0 * height(3.0, 9.0) + height(3.0, 5.0) + height(5.0, 9.0);
     // Second: north, east, south, and below the first.
     let second = 3.0 * height(2.0, 5.0) + height(2.0, 3.0);
