@@ -11,7 +11,8 @@ use crate::kernel::ordered::{BlockOnFace, DrawnLane};
 use crate::kernel::spans::{EdgeLines, Spans};
 use crate::kernel::{Frame, GROUP};
 pub(super) use bounds::along_axes;
-pub(super) use lane::{edge_values, low_byte, sum_of, weigh, weight_of_row};
+use lane::low_byte;
+pub(super) use lane::{edge_values, sum_of, weigh, weight_of_row};
 use std::arch::x86_64::*;
 use std::ops::Range;
 
@@ -53,16 +54,8 @@ impl Lanes for Avx2 {
 
     #[inline(always)]
     fn lacking(self, rows: &[u64; GROUP], mask: u64) -> u8 {
-        // SAFETY: the token proves the instruction set; the two loads are as long as the array.
-        unsafe {
-            let mask = _mm256_set1_epi64x(mask.cast_signed());
-            let half = |k: usize| {
-                let bits = _mm256_loadu_si256(rows.as_ptr().cast::<__m256i>().add(k));
-                let all = _mm256_cmpeq_epi64(_mm256_and_si256(bits, mask), mask);
-                _mm256_movemask_pd(_mm256_castsi256_pd(all))
-            };
-            !low_byte(half(0) | half(1) << 4)
-        }
+        // SAFETY: the token proves the instruction set.
+        unsafe { lane::lacking(rows, mask) }
     }
 
     #[inline(always)]

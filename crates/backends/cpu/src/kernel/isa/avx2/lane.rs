@@ -170,9 +170,12 @@ struct EightSpans {
 
 /// Covers the part of eight spans in one column of words. Returns the rows with a visible pixel, and with a hidden one.
 ///
+/// With the feature itself, so that its closure has it too: without it no intrinsic is inlined there.
+///
 /// # Safety
 /// The machine has AVX2, and `words` points to eight words aligned to 32 bytes.
-#[inline(always)]
+#[target_feature(enable = "avx2")]
+#[inline]
 unsafe fn cover_column(
     spans: EightSpans,
     column: usize,
@@ -350,6 +353,23 @@ pub(crate) fn low_byte(bits: i32) -> u8 {
     {
         bits as u8
     }
+}
+
+/// Mask of the rows that lack some bit of `mask`: of [`Lanes::lacking`](super::super::Lanes::lacking).
+///
+/// # Safety
+/// The machine has AVX2.
+#[target_feature(enable = "avx2")]
+#[inline]
+pub(super) unsafe fn lacking(rows: &[u64; GROUP], mask: u64) -> u8 {
+    let mask = _mm256_set1_epi64x(mask.cast_signed());
+    let half = |k: usize| {
+        // SAFETY: the two loads are as long as the array.
+        let bits = unsafe { _mm256_loadu_si256(rows.as_ptr().cast::<__m256i>().add(k)) };
+        let all = _mm256_cmpeq_epi64(_mm256_and_si256(bits, mask), mask);
+        _mm256_movemask_pd(_mm256_castsi256_pd(all))
+    };
+    !low_byte(half(0) | half(1) << 4)
 }
 
 /// Sum of eight lanes.
