@@ -11,7 +11,6 @@ use crate::kernel::ordered::{BlockOnFace, DrawnLane};
 use crate::kernel::spans::{EdgeLines, Spans};
 use crate::kernel::{Frame, GROUP};
 pub(super) use bounds::along_axes;
-use lane::low_byte;
 pub(super) use lane::{edge_values, sum_of, weigh, weight_of_row};
 use std::arch::x86_64::*;
 use std::ops::Range;
