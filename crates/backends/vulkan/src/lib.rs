@@ -39,7 +39,7 @@ use hemicube_shaders::output::{self, HEADER_WORDS, append_rows, entry_words, unc
 use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, stands_on_emitter, submission_views};
-use hemicube_shaders::{Cull, Draw, Limits, OfStage, Phase};
+use hemicube_shaders::{Cull, Draw, Goal, Limits, OfStage, Phase};
 use options::Options;
 use reduce::{MARKS, Stages, Work};
 use std::ffi::CStr;
@@ -336,7 +336,7 @@ impl Loaded {
         let mut next = 0;
         for batch in hemicubes.chunks(self.scene.plan.batch as usize) {
             counters += self.finish(next, out)?;
-            self.submit(next, batch)?;
+            self.submit(next, batch, Goal::Rows)?;
             next = (next + 1) % FRAMES;
         }
         for _ in 0..FRAMES {
@@ -347,7 +347,7 @@ impl Loaded {
     }
 
     /// Submits hemicubes on a free frame.
-    fn submit(&mut self, at: usize, hemicubes: &[Hemicube]) -> Result<(), BackendError> {
+    fn submit(&mut self, at: usize, hemicubes: &[Hemicube], goal: Goal) -> Result<(), BackendError> {
         let group = self.scene.plan.group;
         let views = submission_views(&self.geometry, &self.scene.plan, hemicubes, self.stamp);
         #[allow(clippy::cast_possible_truncation, reason = "at most a batch")]
@@ -359,6 +359,7 @@ impl Loaded {
         let work = Work {
             slots,
             cull: self.judge.cull,
+            goal,
             without_emitter: !hemicubes.iter().all(on_emitter),
             marks: self.sync.marks.get(at).copied(),
         };
@@ -451,8 +452,9 @@ impl Loaded {
     }
 
     fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
-        self.submit(0, std::slice::from_ref(hemicube))?;
-        self.finish(0, &mut RowBlock::default())?;
+        self.submit(0, std::slice::from_ref(hemicube), Goal::Items)?;
+        self.wait(0)?;
+        self.under_way[0] = None;
         self.read_items()
     }
 

@@ -35,6 +35,8 @@ pub(crate) struct Work {
     /// Number of hemicubes.
     pub(crate) slots: u32,
     pub(crate) cull: Cull,
+    /// What is to come of them.
+    pub(crate) goal: Goal,
     /// True if some hemicube does not stand on its emitter.
     pub(crate) without_emitter: bool,
     /// The pool of timestamps, if time is measured.
@@ -176,7 +178,7 @@ impl Stages {
             plan: &scene.plan,
             upload: &scene.upload,
             cull: work.cull,
-            goal: Goal::Rows,
+            goal: work.goal,
         };
         let mark = |number: usize| {
             if let Some(pool) = work.marks {
