@@ -38,7 +38,7 @@ struct Settings {
     float tiny_slack;
     uint output_entries;
     uint looks_back;
-    uint unused;
+    uint run_count;
 };
 struct Vertex {
     float high_x;
@@ -79,7 +79,8 @@ struct Ready {
     float least;
     float greatest;
     uint id;
-    uint unused;
+    float low;
+    float high;
 };
 struct Tile {
     vec4 ends;
@@ -89,8 +90,9 @@ struct Tile {
 const uint GROUP = 64u;
 const uint STRIPS = 2u;
 const uint HIGH = 16u;
-const uint LIST = 512u;
-const uint ROUND = 256u;
+const uint RUNS = 256u;
+const uint LIST = 128u;
+const uint OF_A_RUN = 32u;
 const uint NOBODY = 4294967295u;
 const float NEAREST = 3e38;
 
@@ -120,15 +122,15 @@ vec4 depths[2] = vec4[2](vec4(0.0), vec4(0.0));
 
 uvec4 ids[2] = uvec4[2](uvec4(0u), uvec4(0u));
 
-shared uint numbers[512];
+shared uint numbers[384];
 
-shared float bounds[512];
+shared float bounds[384];
 
-shared uint sorted[512];
+shared uint sorted[384];
 
 shared uint listed;
 
-shared uint listed_now;
+shared uvec2 listed_now;
 
 shared uint chosen;
 
@@ -144,11 +146,11 @@ vec3 relative(View v, vec3 high, vec3 low) {
 }
 
 vec3 in_frame(View v_1, vec3 r) {
-    float x_2 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
-    float y_2 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
+    float x_3 = (((v_1.tangent.x * r.x) + (v_1.tangent.y * r.y)) + (v_1.tangent.z * r.z));
+    float y_3 = (((v_1.bitangent.x * r.x) + (v_1.bitangent.y * r.y)) + (v_1.bitangent.z * r.z));
     float z = (((v_1.normal.x * r.x) + (v_1.normal.y * r.y)) + (v_1.normal.z * r.z));
-    float snap = (v_1.tolerance + ((abs(x_2) + abs(y_2)) * 9.536743e-7));
-    return vec3(x_2, y_2, ((abs(z) <= snap) ? 0.0 : z));
+    float snap = (v_1.tolerance + ((abs(x_3) + abs(y_3)) * 9.536743e-7));
+    return vec3(x_3, y_3, ((abs(z) <= snap) ? 0.0 : z));
 }
 
 vec3 on_face(View v_2, vec3 p) {
@@ -176,9 +178,9 @@ vec4 plane_on_face(View v_4, vec3 high_2, vec3 low_2, vec3 normal) {
 
 float depth_of(View v_5, vec4 plane, vec4 position) {
     uint _e8 = _group_1_binding_1_cs.resolution;
-    float x_3 = (((2.0 * position.x) / float(_e8)) - 1.0);
-    float y_3 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
-    float depth_1 = min(fma(plane.x, x_3, fma(plane.y, y_3, plane.z)), 1.0);
+    float x_4 = (((2.0 * position.x) / float(_e8)) - 1.0);
+    float y_4 = (((2.0 * (position.y - float(v_5.first_row))) / float(v_5.rows)) - 1.0);
+    float depth_1 = min(fma(plane.x, x_4, fma(plane.y, y_4, plane.z)), 1.0);
     return ((abs((depth_1 - position.z)) <= (0.0625 * position.z)) ? depth_1 : position.z);
 }
 
@@ -314,163 +316,237 @@ float bound_of(View v_10, Tile tile, Chunk chunk) {
     return ((nearest > margin) ? ((v_10.near / nearest) * 1.00001) : NEAREST);
 }
 
-uint list(uint local_5, View v_11, Tile tile_1, uint from_number) {
-    uint first = 0u;
-    uint number = 0u;
-    bool local_6 = false;
+void add_to_list(uint base, uint number, float bound) {
+    uint _e4 = atomicOr(farthest, 0u);
+    if ((bound >= uintBitsToFloat(_e4))) {
+        uint _e9 = atomicAdd(listed, 1u);
+        uint at = (base + _e9);
+        numbers[at] = number;
+        bounds[at] = bound;
+        return;
+    } else {
+        return;
+    }
+}
+
+void sort(uint local_5, uint base_1, uint count) {
     uint i_1 = 0u;
     uint rank = 0u;
     uint k_1 = 0u;
+    bool local_6 = false;
     bool local_7 = false;
-    bool local_8 = false;
-    if ((local_5 == 0u)) {
-        atomicExchange(listed, 0u);
-    }
-    memoryBarrierShared();
-    barrier();
-    uint _e9 = atomicOr(farthest, 0u);
-    float far = uintBitsToFloat(_e9);
-    first = from_number;
+    i_1 = (base_1 + local_5);
+    bool loop_init = true;
     while(true) {
-        uint _e12 = first;
-        uint _e17 = _group_1_binding_1_cs.chunk_count;
-        uint end = min((_e12 + ROUND), _e17);
-        uint _e19 = first;
-        number = (_e19 + local_5);
-        bool loop_init = true;
-        while(true) {
-            if (!loop_init) {
-                uint _e38 = number;
-                number = (_e38 + GROUP);
-            }
-            loop_init = false;
-            uint _e22 = number;
-            if ((_e22 < end)) {
-            } else {
-                break;
-            }
-            {
-                uint _e25 = number;
-                Chunk _e27 = _group_1_binding_3_cs[_e25];
-                float _e28 = bound_of(v_11, tile_1, _e27);
-                if ((_e28 >= far)) {
-                    uint _e32 = atomicAdd(listed, 1u);
-                    uint _e35 = number;
-                    numbers[_e32] = _e35;
-                    bounds[_e32] = _e28;
-                }
-            }
+        if (!loop_init) {
+            uint _e49 = i_1;
+            i_1 = (_e49 + GROUP);
         }
-        first = end;
-        memoryBarrierShared();
-        barrier();
-        if ((local_5 == 0u)) {
-            uint _e45 = atomicOr(listed, 0u);
-            listed_now = _e45;
-        }
-        memoryBarrierShared();
-        barrier();
-        uint _e47 = listed_now;
-        memoryBarrierShared();
-        barrier();
-        if (!((_e47 > 256u))) {
-            uint _e53 = first;
-            uint _e56 = _group_1_binding_1_cs.chunk_count;
-            local_6 = (_e53 >= _e56);
-        } else {
-            local_6 = true;
-        }
-        bool _e59 = local_6;
-        if (_e59) {
-            break;
-        }
-    }
-    i_1 = local_5;
-    bool loop_init_1 = true;
-    while(true) {
-        if (!loop_init_1) {
-            uint _e109 = i_1;
-            i_1 = (_e109 + GROUP);
-        }
-        loop_init_1 = false;
-        uint _e61 = i_1;
-        uint _e63 = listed_now;
-        if ((_e61 < _e63)) {
+        loop_init = false;
+        uint _e5 = i_1;
+        if ((_e5 < (base_1 + count))) {
         } else {
             break;
         }
         {
-            uint _e66 = i_1;
-            float mine = bounds[_e66];
-            rank = 0u;
-            k_1 = 0u;
-            bool loop_init_2 = true;
+            uint _e9 = i_1;
+            float mine = bounds[_e9];
+            rank = base_1;
+            k_1 = base_1;
+            bool loop_init_1 = true;
             while(true) {
-                if (!loop_init_2) {
-                    uint _e103 = k_1;
-                    k_1 = (_e103 + 1u);
+                if (!loop_init_1) {
+                    uint _e43 = k_1;
+                    k_1 = (_e43 + 1u);
                 }
-                loop_init_2 = false;
-                uint _e73 = k_1;
-                uint _e75 = listed_now;
-                if ((_e73 < _e75)) {
+                loop_init_1 = false;
+                uint _e14 = k_1;
+                if ((_e14 < (base_1 + count))) {
                 } else {
                     break;
                 }
                 {
-                    uint _e77 = rank;
-                    uint _e79 = k_1;
-                    float _e81 = bounds[_e79];
-                    if (!((_e81 > mine))) {
-                        uint _e87 = k_1;
-                        float _e89 = bounds[_e87];
-                        if ((_e89 == mine)) {
-                            uint _e93 = k_1;
-                            uint _e94 = i_1;
-                            local_8 = (_e93 < _e94);
+                    uint _e17 = rank;
+                    uint _e19 = k_1;
+                    float _e21 = bounds[_e19];
+                    if (!((_e21 > mine))) {
+                        uint _e27 = k_1;
+                        float _e29 = bounds[_e27];
+                        if ((_e29 == mine)) {
+                            uint _e33 = k_1;
+                            uint _e34 = i_1;
+                            local_7 = (_e33 < _e34);
                         } else {
-                            local_8 = false;
+                            local_7 = false;
                         }
-                        bool _e97 = local_8;
-                        local_7 = _e97;
+                        bool _e37 = local_7;
+                        local_6 = _e37;
                     } else {
-                        local_7 = true;
+                        local_6 = true;
                     }
-                    bool _e99 = local_7;
-                    rank = (_e77 + uint(_e99));
+                    bool _e39 = local_6;
+                    rank = (_e17 + uint(_e39));
                 }
             }
-            uint _e106 = rank;
-            uint _e108 = i_1;
-            sorted[_e106] = _e108;
+            uint _e46 = rank;
+            uint _e48 = i_1;
+            sorted[_e46] = _e48;
         }
     }
     memoryBarrierShared();
     barrier();
-    uint _e112 = first;
-    return _e112;
+    return;
 }
 
-vec3 greatest_in(Tile tile_2, vec3 along_1, float n) {
-    return vec3(mix(tile_2.ends.xy, tile_2.ends.zw, greaterThan(along_1.xy, vec2(0.0))), n);
-}
-
-void prepare(View v_12, Tile tile_3, uint number_1) {
+uvec2 list_runs(uint local_8, View v_11, Tile tile_1, uint from_number) {
+    uint first = 0u;
+    uint count_1 = 0u;
     bool local_9 = false;
+    if ((local_8 == 0u)) {
+        atomicExchange(listed, 0u);
+    }
+    memoryBarrierShared();
+    barrier();
+    first = from_number;
+    while(true) {
+        uint _e11 = first;
+        uint number_2 = (_e11 + local_8);
+        uint _e15 = _group_1_binding_1_cs.run_count;
+        if ((number_2 < _e15)) {
+            uint _e21 = _group_1_binding_1_cs.chunk_count;
+            Chunk _e24 = _group_1_binding_3_cs[(_e21 + number_2)];
+            float _e25 = bound_of(v_11, tile_1, _e24);
+            add_to_list(0u, number_2, _e25);
+        }
+        uint _e26 = first;
+        first = (_e26 + GROUP);
+        memoryBarrierShared();
+        barrier();
+        if ((local_8 == 0u)) {
+            uint _e33 = atomicOr(listed, 0u);
+            listed_now = uvec2(_e33, 0u);
+        }
+        memoryBarrierShared();
+        barrier();
+        uvec2 _e37 = listed_now;
+        memoryBarrierShared();
+        barrier();
+        count_1 = _e37.x;
+        uint _e39 = count_1;
+        if (!((_e39 > 192u))) {
+            uint _e45 = first;
+            uint _e48 = _group_1_binding_1_cs.run_count;
+            local_9 = (_e45 >= _e48);
+        } else {
+            local_9 = true;
+        }
+        bool _e51 = local_9;
+        if (_e51) {
+            break;
+        }
+    }
+    uint _e53 = count_1;
+    sort(local_8, 0u, _e53);
+    uint _e54 = first;
+    uint _e55 = count_1;
+    return uvec2(_e54, _e55);
+}
+
+bool may_be_seen(uint place, uint runs) {
     bool local_10 = false;
-    bool local_11 = false;
-    Ready found = Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u);
+    if ((place < runs)) {
+        uint _e8 = sorted[place];
+        float _e10 = bounds[_e8];
+        uint _e12 = atomicOr(farthest, 0u);
+        local_10 = (_e10 >= uintBitsToFloat(_e12));
+    } else {
+        local_10 = false;
+    }
+    bool _e16 = local_10;
+    return _e16;
+}
+
+uvec3 list_chunks(uint local_11, View v_12, Tile tile_2, uint from_place_1, uint runs_1) {
+    uint place_1 = 0u;
+    uvec2 now = uvec2(0u);
+    bool local_12 = false;
+    if ((local_11 == 0u)) {
+        atomicExchange(listed, 0u);
+    }
+    memoryBarrierShared();
+    barrier();
+    place_1 = from_place_1;
+    while(true) {
+        uint _e13 = place_1;
+        uint mine_1 = (_e13 + (local_11 / OF_A_RUN));
+        bool _e17 = may_be_seen(mine_1, runs_1);
+        if (_e17) {
+            uint _e21 = _group_1_binding_1_cs.chunk_count;
+            uint _e25 = sorted[mine_1];
+            uint _e27 = numbers[_e25];
+            Chunk run = _group_1_binding_3_cs[(_e21 + _e27)];
+            if (((local_11 % OF_A_RUN) < run.index_count)) {
+                uint number_3 = (run.first_index + (local_11 % OF_A_RUN));
+                Chunk _e42 = _group_1_binding_3_cs[number_3];
+                float _e43 = bound_of(v_12, tile_2, _e42);
+                add_to_list(RUNS, number_3, _e43);
+            }
+        }
+        uint _e44 = place_1;
+        place_1 = (_e44 + 2u);
+        memoryBarrierShared();
+        barrier();
+        if ((local_11 == 0u)) {
+            uint _e51 = atomicOr(listed, 0u);
+            uint _e52 = place_1;
+            bool _e53 = may_be_seen(_e52, runs_1);
+            listed_now = uvec2(_e51, uint(_e53));
+        }
+        memoryBarrierShared();
+        barrier();
+        uvec2 _e57 = listed_now;
+        memoryBarrierShared();
+        barrier();
+        now = _e57;
+        uint _e59 = now.x;
+        if (!((_e59 > 64u))) {
+            uint _e66 = now.y;
+            local_12 = (_e66 == 0u);
+        } else {
+            local_12 = true;
+        }
+        bool _e70 = local_12;
+        if (_e70) {
+            break;
+        }
+    }
+    uint _e73 = now.x;
+    sort(local_11, RUNS, _e73);
+    uint _e74 = place_1;
+    uvec2 _e75 = now;
+    return uvec3(_e74, _e75);
+}
+
+vec3 greatest_in(Tile tile_3, vec3 along_1, float n) {
+    return vec3(mix(tile_3.ends.xy, tile_3.ends.zw, greaterThan(along_1.xy, vec2(0.0))), n);
+}
+
+void prepare(View v_13, Tile tile_4, uint number_1) {
+    bool local_13 = false;
+    bool local_14 = false;
+    bool local_15 = false;
+    Ready found = Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0);
     uint k_2 = 0u;
     uint _e5 = _group_1_binding_1_cs.resolution;
     float n_5 = float(_e5);
     uint _e12 = _group_1_binding_16_cs[(3u * number_1)];
     Vertex a_10 = _group_1_binding_15_cs[_e12];
-    if (!((a_10.front == v_12.emitter))) {
-        local_9 = (a_10.back == v_12.emitter);
+    if (!((a_10.front == v_13.emitter))) {
+        local_13 = (a_10.back == v_13.emitter);
     } else {
-        local_9 = true;
+        local_13 = true;
     }
-    bool _e25 = local_9;
+    bool _e25 = local_13;
     if (_e25) {
         return;
     }
@@ -478,85 +554,101 @@ void prepare(View v_12, Tile tile_3, uint number_1) {
     Vertex b_5 = _group_1_binding_15_cs[_e33];
     uint _e43 = _group_1_binding_16_cs[((3u * number_1) + 2u)];
     Vertex c_5 = _group_1_binding_15_cs[_e43];
-    Outline _e47 = outline(v_12, tile_3.axes, a_10, b_5, c_5);
+    Outline _e47 = outline(v_13, tile_4.axes, a_10, b_5, c_5);
     vec3 p_3 = _e47.corners[0];
     vec3 q_1 = _e47.corners[1];
     vec3 r_1 = _e47.corners[2];
     float slack = (-1e-5 * n_5);
-    vec4 all_ = max(max(vec4(((n_5 * p_3.xy) - (tile_3.ends.xy * p_3.z)), ((tile_3.ends.zw * p_3.z) - (n_5 * p_3.xy))), vec4(((n_5 * q_1.xy) - (tile_3.ends.xy * q_1.z)), ((tile_3.ends.zw * q_1.z) - (n_5 * q_1.xy)))), vec4(((n_5 * r_1.xy) - (tile_3.ends.xy * r_1.z)), ((tile_3.ends.zw * r_1.z) - (n_5 * r_1.xy))));
+    vec4 all_ = max(max(vec4(((n_5 * p_3.xy) - (tile_4.ends.xy * p_3.z)), ((tile_4.ends.zw * p_3.z) - (n_5 * p_3.xy))), vec4(((n_5 * q_1.xy) - (tile_4.ends.xy * q_1.z)), ((tile_4.ends.zw * q_1.z) - (n_5 * q_1.xy)))), vec4(((n_5 * r_1.xy) - (tile_4.ends.xy * r_1.z)), ((tile_4.ends.zw * r_1.z) - (n_5 * r_1.xy))));
     vec3 extent = max(max(abs(p_3), abs(q_1)), abs(r_1));
     float deepest = max(max(p_3.z, q_1.z), r_1.z);
     bool is_beyond = any(lessThan(all_, vec4((slack * ((extent.x + extent.y) + extent.z)))));
     if (!(is_beyond)) {
-        local_10 = (deepest <= 0.0);
+        local_14 = (deepest <= 0.0);
     } else {
-        local_10 = true;
+        local_14 = true;
     }
-    bool _e128 = local_10;
+    bool _e128 = local_14;
     if (!(_e128)) {
-        local_11 = (_e47.volume == 0.0);
+        local_15 = (_e47.volume == 0.0);
     } else {
-        local_11 = true;
+        local_15 = true;
     }
-    bool _e136 = local_11;
+    bool _e136 = local_15;
     if (_e136) {
         return;
     }
-    bool loop_init_3 = true;
-    while(true) {
-        if (!loop_init_3) {
-            uint _e163 = k_2;
-            k_2 = (_e163 + 1u);
+    found.low = -3e38;
+    found.high = NEAREST;
+    float shallowest = min(min(p_3.z, q_1.z), r_1.z);
+    if ((shallowest > 0.0)) {
+        float margin_1 = ((n_5 * ((8e-6 * ((extent.x + extent.y) + extent.z)) + v_13.tolerance)) / shallowest);
+        vec2 a_on = (p_3.xy * (n_5 / p_3.z));
+        vec2 b_on = (q_1.xy * (n_5 / q_1.z));
+        vec2 c_on = (r_1.xy * (n_5 / r_1.z));
+        vec2 low_3 = (min(min(a_on, b_on), c_on) - vec2(margin_1));
+        vec2 high_3 = (max(max(a_on, b_on), c_on) + vec2(margin_1));
+        vec2 first_3 = (tile_4.ends.xy + (2.0 * ceil(max((0.5 * (low_3 - tile_4.ends.xy)), vec2(0.0)))));
+        if (any(greaterThan(first_3, min(high_3, tile_4.ends.zw)))) {
+            return;
         }
-        loop_init_3 = false;
-        uint _e140 = k_2;
-        if ((_e140 < 3u)) {
+        found.low = low_3.y;
+        found.high = high_3.y;
+    }
+    bool loop_init_2 = true;
+    while(true) {
+        if (!loop_init_2) {
+            uint _e228 = k_2;
+            k_2 = (_e228 + 1u);
+        }
+        loop_init_2 = false;
+        uint _e205 = k_2;
+        if ((_e205 < 3u)) {
         } else {
             break;
         }
         {
-            uint _e144 = k_2;
-            vec3 side_1 = _e47.sides[_e144];
-            uint _e147 = k_2;
-            float _e151 = side_of(side_1, vec3(0.0));
-            found.sides[_e147] = vec4(side_1, ((_e151 > 0.0) ? 1.0 : 0.0));
-            vec3 _e158 = greatest_in(tile_3, side_1, n_5);
-            float _e159 = dot_fused(side_1, _e158);
-            if ((_e159 < 0.0)) {
+            uint _e209 = k_2;
+            vec3 side_1 = _e47.sides[_e209];
+            uint _e212 = k_2;
+            float _e216 = side_of(side_1, vec3(0.0));
+            found.sides[_e212] = vec4(side_1, ((_e216 > 0.0) ? 1.0 : 0.0));
+            vec3 _e223 = greatest_in(tile_4, side_1, n_5);
+            float _e224 = dot_fused(side_1, _e223);
+            if ((_e224 < 0.0)) {
                 return;
             }
         }
     }
     found.id = ((_e47.volume > 0.0) ? a_10.back : a_10.front);
     vec3 normal_1 = vec3(a_10.normal_x, a_10.normal_y, a_10.normal_z);
-    vec3 _e176 = high_of(a_10);
-    vec3 _e177 = low_of(a_10);
-    vec3 _e178 = relative(v_12, _e176, _e177);
-    float height_2 = (((normal_1.x * _e178.x) + (normal_1.y * _e178.y)) + (normal_1.z * _e178.z));
-    float scale = ((height_2 == 0.0) ? 0.0 : (v_12.near / (height_2 * n_5)));
-    float error_1 = ((((abs(_e178.x) + abs(_e178.y)) + abs(_e178.z)) * 2.3841858e-7) / abs(height_2));
-    float _e211 = behind(vec4(error_1), 1.0);
-    uint _e213 = found.id;
-    uint _e216 = _group_1_binding_1_cs.patch_count;
-    float factor = ((_e213 == _e216) ? _e211 : 1.0);
-    vec3 _e222 = along(tile_3.axes, normal_1);
-    found.plane = vec4((scale * _e222), factor);
-    float shallowest = min(min(p_3.z, q_1.z), r_1.z);
-    found.least = ((v_12.near / deepest) * 0.999999);
-    found.greatest = ((shallowest > 0.0) ? min(((v_12.near / shallowest) * 1.000001), 1.0) : 1.0);
-    vec4 _e247 = found.plane;
-    vec4 _e250 = found.plane;
-    vec3 _e252 = greatest_in(tile_3, _e250.xyz, n_5);
-    float _e253 = dot_fused(_e247.xyz, _e252);
-    float _e255 = found.least;
-    float _e257 = found.greatest;
-    uint _e261 = atomicOr(farthest, 0u);
-    if (((clamp(_e253, _e255, _e257) * factor) < uintBitsToFloat(_e261))) {
+    vec3 _e241 = high_of(a_10);
+    vec3 _e242 = low_of(a_10);
+    vec3 _e243 = relative(v_13, _e241, _e242);
+    float height_2 = (((normal_1.x * _e243.x) + (normal_1.y * _e243.y)) + (normal_1.z * _e243.z));
+    float scale = ((height_2 == 0.0) ? 0.0 : (v_13.near / (height_2 * n_5)));
+    float error_1 = ((((abs(_e243.x) + abs(_e243.y)) + abs(_e243.z)) * 2.3841858e-7) / abs(height_2));
+    float _e276 = behind(vec4(error_1), 1.0);
+    uint _e278 = found.id;
+    uint _e281 = _group_1_binding_1_cs.patch_count;
+    float factor = ((_e278 == _e281) ? _e276 : 1.0);
+    vec3 _e287 = along(tile_4.axes, normal_1);
+    found.plane = vec4((scale * _e287), factor);
+    found.least = ((v_13.near / deepest) * 0.999999);
+    found.greatest = ((shallowest > 0.0) ? min(((v_13.near / shallowest) * 1.000001), 1.0) : 1.0);
+    vec4 _e307 = found.plane;
+    vec4 _e310 = found.plane;
+    vec3 _e312 = greatest_in(tile_4, _e310.xyz, n_5);
+    float _e313 = dot_fused(_e307.xyz, _e312);
+    float _e315 = found.least;
+    float _e317 = found.greatest;
+    uint _e321 = atomicOr(farthest, 0u);
+    if (((clamp(_e313, _e315, _e317) * factor) < uintBitsToFloat(_e321))) {
         return;
     }
-    uint _e267 = atomicAdd(ready_count, 1u);
-    Ready _e269 = found;
-    ready[_e267] = _e269;
+    uint _e327 = atomicAdd(ready_count, 1u);
+    Ready _e329 = found;
+    ready[_e327] = _e329;
     return;
 }
 
@@ -568,18 +660,19 @@ bvec4 is_inside(vec4 side, vec4 x, float y, float n_1) {
 void test(vec4 x_1, float y_1) {
     uint i_2 = 0u;
     uint k_3 = 0u;
+    bool local_16 = false;
     uint _e4 = _group_1_binding_1_cs.resolution;
     float n_6 = float(_e4);
-    uint count = atomicOr(ready_count, 0u);
-    bool loop_init_4 = true;
+    uint count_2 = atomicOr(ready_count, 0u);
+    bool loop_init_3 = true;
     while(true) {
-        if (!loop_init_4) {
-            uint _e90 = i_2;
-            i_2 = (_e90 + 1u);
+        if (!loop_init_3) {
+            uint _e99 = i_2;
+            i_2 = (_e99 + 1u);
         }
-        loop_init_4 = false;
+        loop_init_3 = false;
         uint _e10 = i_2;
-        if ((_e10 < count)) {
+        if ((_e10 < count_2)) {
         } else {
             break;
         }
@@ -587,13 +680,13 @@ void test(vec4 x_1, float y_1) {
             uint _e13 = i_2;
             Ready t = ready[_e13];
             k_3 = 0u;
-            bool loop_init_5 = true;
+            bool loop_init_4 = true;
             while(true) {
-                if (!loop_init_5) {
-                    uint _e87 = k_3;
-                    k_3 = (_e87 + 1u);
+                if (!loop_init_4) {
+                    uint _e96 = k_3;
+                    k_3 = (_e96 + 1u);
                 }
-                loop_init_5 = false;
+                loop_init_4 = false;
                 uint _e18 = k_3;
                 if ((_e18 < STRIPS)) {
                 } else {
@@ -602,23 +695,32 @@ void test(vec4 x_1, float y_1) {
                 {
                     uint _e21 = k_3;
                     float down = (y_1 + (16.0 * float(_e21)));
-                    bvec4 _e28 = is_inside(t.sides[0], x_1, down, n_6);
-                    bvec4 _e31 = is_inside(t.sides[1], x_1, down, n_6);
-                    bvec4 _e35 = is_inside(t.sides[2], x_1, down, n_6);
-                    bvec4 inside = bvec4(bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).x && _e35.x, bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).y && _e35.y, bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).z && _e35.z, bvec4(_e28.x && _e31.x, _e28.y && _e31.y, _e28.z && _e31.z, _e28.w && _e31.w).w && _e35.w);
+                    if (!((down < t.low))) {
+                        local_16 = (down > t.high);
+                    } else {
+                        local_16 = true;
+                    }
+                    bool _e34 = local_16;
+                    if (_e34) {
+                        continue;
+                    }
+                    bvec4 _e37 = is_inside(t.sides[0], x_1, down, n_6);
+                    bvec4 _e40 = is_inside(t.sides[1], x_1, down, n_6);
+                    bvec4 _e44 = is_inside(t.sides[2], x_1, down, n_6);
+                    bvec4 inside = bvec4(bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).x && _e44.x, bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).y && _e44.y, bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).z && _e44.z, bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).w && _e44.w);
                     vec4 plane_2 = fma(vec4(t.plane.x), x_1, vec4(fma(t.plane.y, down, (t.plane.z * n_6))));
                     vec4 depth_2 = (clamp(plane_2, vec4(t.least), vec4(t.greatest)) * t.plane.w);
-                    uint _e57 = k_3;
-                    vec4 best = depths[_e57];
-                    uint _e65 = k_3;
-                    uvec4 _e67 = ids[_e65];
-                    bvec4 nearer = bvec4(inside.x && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).x, inside.y && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).y, inside.z && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).z, inside.w && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e67).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e67).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e67).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e67).w).w).w);
-                    uint _e73 = k_3;
-                    depths[_e73] = mix(best, depth_2, nearer);
-                    uint _e77 = k_3;
-                    uint _e80 = k_3;
-                    uvec4 _e82 = ids[_e80];
-                    ids[_e77] = mix(_e82, uvec4(t.id), nearer);
+                    uint _e66 = k_3;
+                    vec4 best = depths[_e66];
+                    uint _e74 = k_3;
+                    uvec4 _e76 = ids[_e74];
+                    bvec4 nearer = bvec4(inside.x && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).x, inside.y && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).y, inside.z && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).z, inside.w && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).w);
+                    uint _e82 = k_3;
+                    depths[_e82] = mix(best, depth_2, nearer);
+                    uint _e86 = k_3;
+                    uint _e89 = k_3;
+                    uvec4 _e91 = ids[_e89];
+                    ids[_e86] = mix(_e91, uvec4(t.id), nearer);
                 }
             }
         }
@@ -626,152 +728,166 @@ void test(vec4 x_1, float y_1) {
     return;
 }
 
-uint choose(uint place) {
+uint choose(uint place_2) {
     uint _e2 = atomicOr(listed, 0u);
-    if ((place >= _e2)) {
+    if ((place_2 >= _e2)) {
         return NOBODY;
     }
-    uint i_4 = sorted[place];
-    uint _e10 = numbers[i_4];
-    float _e14 = bounds[i_4];
-    uint _e16 = atomicOr(farthest, 0u);
-    return ((_e14 < uintBitsToFloat(_e16)) ? NOBODY : _e10);
+    uint i_4 = sorted[(RUNS + place_2)];
+    uint _e12 = numbers[i_4];
+    float _e16 = bounds[i_4];
+    uint _e18 = atomicOr(farthest, 0u);
+    return ((_e16 < uintBitsToFloat(_e18)) ? NOBODY : _e12);
 }
 
-void draw(uint local_12, View v_13, Tile tile_4) {
-    uint k_4 = 0u;
-    uint next = 0u;
-    uint place_1 = 0u;
+void draw_listed(uint local_17, View v_14, Tile tile_5, vec4 x_2, float y_2) {
+    uint place_3 = 0u;
     uint part = 0u;
     vec4 least = vec4(0.0);
-    uint k_5 = 0u;
-    uint n_7 = _group_1_binding_1_cs.resolution;
-    uvec2 at = (tile_4.first + uvec2((4u * (local_12 % 8u)), (local_12 / 8u)));
-    vec4 x_4 = (vec4((tile_4.ends.x + float((8u * (local_12 % 8u))))) + vec4(0.0, 2.0, 4.0, 6.0));
-    float y_4 = (tile_4.ends.y + float((2u * (local_12 / 8u))));
-    bool loop_init_6 = true;
+    uint k_4 = 0u;
     while(true) {
-        if (!loop_init_6) {
-            uint _e80 = k_4;
-            k_4 = (_e80 + 1u);
+        if ((local_17 == 0u)) {
+            uint _e10 = place_3;
+            uint _e11 = choose(_e10);
+            chosen = _e11;
         }
-        loop_init_6 = false;
-        uint _e40 = k_4;
+        memoryBarrierShared();
+        barrier();
+        uint _e13 = chosen;
+        memoryBarrierShared();
+        barrier();
+        if ((_e13 == NOBODY)) {
+            break;
+        }
+        uint _e17 = place_3;
+        place_3 = (_e17 + 1u);
+        uint _e22 = _group_1_binding_3_cs[_e13].first_index;
+        uint first_4 = (_e22 / 3u);
+        uint _e28 = _group_1_binding_3_cs[_e13].index_count;
+        uint count_3 = (_e28 / 3u);
+        part = 0u;
+        bool loop_init_5 = true;
+        while(true) {
+            if (!loop_init_5) {
+                uint _e45 = part;
+                part = (_e45 + GROUP);
+            }
+            loop_init_5 = false;
+            uint _e33 = part;
+            if ((_e33 < count_3)) {
+            } else {
+                break;
+            }
+            {
+                if ((local_17 == 0u)) {
+                    atomicExchange(ready_count, 0u);
+                }
+                memoryBarrierShared();
+                barrier();
+                uint _e39 = part;
+                if (((_e39 + local_17) < count_3)) {
+                    uint _e42 = part;
+                    prepare(v_14, tile_5, ((first_4 + _e42) + local_17));
+                }
+                memoryBarrierShared();
+                barrier();
+                test(x_2, y_2);
+                memoryBarrierShared();
+                barrier();
+            }
+        }
+        if ((local_17 == 0u)) {
+            atomicExchange(farthest, 2130706432u);
+        }
+        memoryBarrierShared();
+        barrier();
+        vec4 _e54 = depths[0];
+        least = _e54;
+        k_4 = 1u;
+        bool loop_init_6 = true;
+        while(true) {
+            if (!loop_init_6) {
+                uint _e68 = k_4;
+                k_4 = (_e68 + 1u);
+            }
+            loop_init_6 = false;
+            uint _e58 = k_4;
+            if ((_e58 < STRIPS)) {
+            } else {
+                break;
+            }
+            {
+                vec4 _e61 = least;
+                uint _e63 = k_4;
+                vec4 _e65 = depths[_e63];
+                least = min(_e61, _e65);
+            }
+        }
+        float _e71 = least.x;
+        float _e73 = least.y;
+        float _e76 = least.z;
+        float _e78 = least.w;
+        float of_all = min(min(_e71, _e73), min(_e76, _e78));
+        uint _e83 = atomicMin(farthest, floatBitsToUint(of_all));
+        memoryBarrierShared();
+        barrier();
+    }
+    return;
+}
+
+void draw(uint local_18, View v_15, Tile tile_6) {
+    uint k_5 = 0u;
+    uint next_run = 0u;
+    uint place_4 = 0u;
+    uint n_7 = _group_1_binding_1_cs.resolution;
+    uvec2 at_1 = (tile_6.first + uvec2((4u * (local_18 % 8u)), (local_18 / 8u)));
+    vec4 x_5 = (vec4((tile_6.ends.x + float((8u * (local_18 % 8u))))) + vec4(0.0, 2.0, 4.0, 6.0));
+    float y_5 = (tile_6.ends.y + float((2u * (local_18 / 8u))));
+    bool loop_init_7 = true;
+    while(true) {
+        if (!loop_init_7) {
+            uint _e80 = k_5;
+            k_5 = (_e80 + 1u);
+        }
+        loop_init_7 = false;
+        uint _e40 = k_5;
         if ((_e40 < STRIPS)) {
         } else {
             break;
         }
         {
-            uint _e45 = k_4;
-            bvec4 is_beyond_1 = bvec4(bvec4(((at.y + (8u * _e45)) >= v_13.rows)).x || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).x, bvec4(((at.y + (8u * _e45)) >= v_13.rows)).y || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).y, bvec4(((at.y + (8u * _e45)) >= v_13.rows)).z || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).z, bvec4(((at.y + (8u * _e45)) >= v_13.rows)).w || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at.x)), uvec4(n_7)).w);
-            uint _e63 = k_4;
+            uint _e45 = k_5;
+            bvec4 is_beyond_1 = bvec4(bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).x || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).x, bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).y || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).y, bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).z || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).z, bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).w || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).w);
+            uint _e63 = k_5;
             depths[_e63] = mix(vec4(0.0), vec4(3e38), is_beyond_1);
-            uint _e71 = k_4;
+            uint _e71 = k_5;
             uint _e75 = _group_1_binding_1_cs.patch_count;
             ids[_e71] = uvec4((_e75 + 1u));
         }
     }
-    if ((local_12 == 0u)) {
+    if ((local_18 == 0u)) {
         atomicExchange(farthest, 0u);
     }
     while(true) {
-        uint _e88 = next;
-        uint _e91 = _group_1_binding_1_cs.chunk_count;
+        uint _e88 = next_run;
+        uint _e91 = _group_1_binding_1_cs.run_count;
         if ((_e88 < _e91)) {
         } else {
             break;
         }
         {
-            uint _e93 = next;
-            uint _e94 = list(local_12, v_13, tile_4, _e93);
-            next = _e94;
-            place_1 = 0u;
+            uint _e93 = next_run;
+            uvec2 _e94 = list_runs(local_18, v_15, tile_6, _e93);
+            next_run = _e94.x;
+            place_4 = 0u;
             while(true) {
-                if ((local_12 == 0u)) {
-                    uint _e100 = place_1;
-                    uint _e101 = choose(_e100);
-                    chosen = _e101;
-                }
-                memoryBarrierShared();
-                barrier();
-                uint _e103 = chosen;
-                memoryBarrierShared();
-                barrier();
-                if ((_e103 == NOBODY)) {
+                uint _e98 = place_4;
+                uvec3 _e100 = list_chunks(local_18, v_15, tile_6, _e98, _e94.y);
+                place_4 = _e100.x;
+                draw_listed(local_18, v_15, tile_6, x_5, y_5);
+                if ((_e100.z == 0u)) {
                     break;
                 }
-                uint _e107 = place_1;
-                place_1 = (_e107 + 1u);
-                uint _e112 = _group_1_binding_3_cs[_e103].first_index;
-                uint first_3 = (_e112 / 3u);
-                uint _e118 = _group_1_binding_3_cs[_e103].index_count;
-                uint count_1 = (_e118 / 3u);
-                part = 0u;
-                bool loop_init_7 = true;
-                while(true) {
-                    if (!loop_init_7) {
-                        uint _e135 = part;
-                        part = (_e135 + GROUP);
-                    }
-                    loop_init_7 = false;
-                    uint _e123 = part;
-                    if ((_e123 < count_1)) {
-                    } else {
-                        break;
-                    }
-                    {
-                        if ((local_12 == 0u)) {
-                            atomicExchange(ready_count, 0u);
-                        }
-                        memoryBarrierShared();
-                        barrier();
-                        uint _e129 = part;
-                        if (((_e129 + local_12) < count_1)) {
-                            uint _e132 = part;
-                            prepare(v_13, tile_4, ((first_3 + _e132) + local_12));
-                        }
-                        memoryBarrierShared();
-                        barrier();
-                        test(x_4, y_4);
-                        memoryBarrierShared();
-                        barrier();
-                    }
-                }
-                if ((local_12 == 0u)) {
-                    atomicExchange(farthest, 2130706432u);
-                }
-                memoryBarrierShared();
-                barrier();
-                vec4 _e144 = depths[0];
-                least = _e144;
-                k_5 = 1u;
-                bool loop_init_8 = true;
-                while(true) {
-                    if (!loop_init_8) {
-                        uint _e158 = k_5;
-                        k_5 = (_e158 + 1u);
-                    }
-                    loop_init_8 = false;
-                    uint _e148 = k_5;
-                    if ((_e148 < STRIPS)) {
-                    } else {
-                        break;
-                    }
-                    {
-                        vec4 _e151 = least;
-                        uint _e153 = k_5;
-                        vec4 _e155 = depths[_e153];
-                        least = min(_e151, _e155);
-                    }
-                }
-                float _e161 = least.x;
-                float _e163 = least.y;
-                float _e166 = least.z;
-                float _e168 = least.w;
-                float of_all = min(min(_e161, _e163), min(_e166, _e168));
-                uint _e173 = atomicMin(farthest, floatBitsToUint(of_all));
-                memoryBarrierShared();
-                barrier();
             }
         }
     }
@@ -779,16 +895,16 @@ void draw(uint local_12, View v_13, Tile tile_4) {
 }
 
 void add(uint layer, uint id, uint weight) {
-    bool local_13 = false;
+    bool local_19 = false;
     uint _e6 = _group_1_binding_1_cs.patch_count;
     uint _e12 = atomicAdd(_group_1_binding_13_cs[((layer * (_e6 + 2u)) + id)], weight);
     if ((_e12 == 0u)) {
         uint _e19 = _group_1_binding_1_cs.patch_count;
-        local_13 = (id < _e19);
+        local_19 = (id < _e19);
     } else {
-        local_13 = false;
+        local_19 = false;
     }
-    bool _e22 = local_13;
+    bool _e22 = local_19;
     if (_e22) {
         uint _e26 = _group_1_binding_1_cs.word_count;
         uint _e36 = atomicOr(_group_1_binding_14_cs[((layer * _e26) + (id / 32u))], (1u << (id % 32u)));
@@ -798,19 +914,19 @@ void add(uint layer, uint id, uint weight) {
     }
 }
 
-void add_up(uint local_14, View v_14, Tile tile_5) {
+void add_up(uint local_20, View v_16, Tile tile_7) {
     uint k_6 = 0u;
-    bool local_15 = false;
+    bool local_21 = false;
     uvec4 rest = uvec4(0u);
     uint i_3 = 0u;
     uint n_8 = _group_1_binding_1_cs.resolution;
-    bool loop_init_9 = true;
+    bool loop_init_8 = true;
     while(true) {
-        if (!loop_init_9) {
+        if (!loop_init_8) {
             uint _e107 = k_6;
             k_6 = (_e107 + 1u);
         }
-        loop_init_9 = false;
+        loop_init_8 = false;
         uint _e8 = k_6;
         if ((_e8 < STRIPS)) {
         } else {
@@ -818,28 +934,28 @@ void add_up(uint local_14, View v_14, Tile tile_5) {
         }
         {
             uint _e19 = k_6;
-            uvec2 at_1 = (tile_5.first + uvec2((4u * (local_14 % 8u)), ((local_14 / 8u) + (8u * _e19))));
-            if ((at_1.x < n_8)) {
-                local_15 = (at_1.y < v_14.rows);
+            uvec2 at_2 = (tile_7.first + uvec2((4u * (local_20 % 8u)), ((local_20 / 8u) + (8u * _e19))));
+            if ((at_2.x < n_8)) {
+                local_21 = (at_2.y < v_16.rows);
             } else {
-                local_15 = false;
+                local_21 = false;
             }
-            bool _e32 = local_15;
+            bool _e32 = local_21;
             if (_e32) {
-                uint pixel = (((v_14.first_row + at_1.y) * n_8) + at_1.x);
+                uint pixel = (((v_16.first_row + at_2.y) * n_8) + at_2.x);
                 uint _e41 = _group_1_binding_12_cs[pixel];
                 uint _e46 = _group_1_binding_12_cs[(pixel + 1u)];
                 uint _e51 = _group_1_binding_12_cs[(pixel + 2u)];
                 uint _e56 = _group_1_binding_12_cs[(pixel + 3u)];
                 rest = uvec4(_e41, _e46, _e51, _e56);
                 i_3 = 0u;
-                bool loop_init_10 = true;
+                bool loop_init_9 = true;
                 while(true) {
-                    if (!loop_init_10) {
+                    if (!loop_init_9) {
                         uint _e104 = i_3;
                         i_3 = (_e104 + 1u);
                     }
-                    loop_init_10 = false;
+                    loop_init_9 = false;
                     uint _e61 = i_3;
                     if ((_e61 < 4u)) {
                     } else {
@@ -860,7 +976,7 @@ void add_up(uint local_14, View v_14, Tile tile_5) {
                             uint _e87 = k_6;
                             uint _e89 = i_3;
                             uint _e91 = ids[_e87][_e89];
-                            add(v_14.layer, _e91, (((these.x + these.y) + these.z) + these.w));
+                            add(v_16.layer, _e91, (((these.x + these.y) + these.z) + these.w));
                             uvec4 _e99 = rest;
                             rest = mix(_e99, uvec4(0u), same);
                         }
@@ -885,13 +1001,13 @@ uvec2 face_of_tile(uint row) {
 
 void main() {
     if (gl_LocalInvocationID == uvec3(0u)) {
-        numbers = uint[512](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
-        bounds = float[512](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        sorted = uint[512](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+        numbers = uint[384](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
+        bounds = float[384](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        sorted = uint[384](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
         listed = 0u;
-        listed_now = 0u;
+        listed_now = uvec2(0u);
         chosen = 0u;
-        ready = Ready[64](Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0u));
+        ready = Ready[64](Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0), Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0));
         ready_count = 0u;
         farthest = 0u;
     }
@@ -904,18 +1020,18 @@ void main() {
     uint i = 0u;
     uvec2 _e3 = face_of_tile(group_1.y);
     uint _e7 = _group_0_binding_0_cs.slot;
-    View v_15 = _group_1_binding_2_cs[(((_e7 + group_1.z) * 5u) + _e3.x)];
-    Tile _e19 = tile_of(v_15, uvec2(group_1.x, _e3.y));
-    draw(local_1, v_15, _e19);
-    add_up(local_1, v_15, _e19);
+    View v_17 = _group_1_binding_2_cs[(((_e7 + group_1.z) * 5u) + _e3.x)];
+    Tile _e19 = tile_of(v_17, uvec2(group_1.x, _e3.y));
+    draw(local_1, v_17, _e19);
+    add_up(local_1, v_17, _e19);
     uint n_9 = _group_1_binding_1_cs.resolution;
-    bool loop_init_11 = true;
+    bool loop_init_10 = true;
     while(true) {
-        if (!loop_init_11) {
+        if (!loop_init_10) {
             uint _e98 = k;
             k = (_e98 + 1u);
         }
-        loop_init_11 = false;
+        loop_init_10 = false;
         uint _e25 = k;
         if ((_e25 < STRIPS)) {
         } else {
@@ -923,23 +1039,23 @@ void main() {
         }
         {
             uint _e36 = k;
-            uvec2 at_2 = (_e19.first + uvec2((4u * (local_1 % 8u)), ((local_1 / 8u) + (8u * _e36))));
-            if ((at_2.x < n_9)) {
-                local_2 = (at_2.y < v_15.rows);
+            uvec2 at_3 = (_e19.first + uvec2((4u * (local_1 % 8u)), ((local_1 / 8u) + (8u * _e36))));
+            if ((at_3.x < n_9)) {
+                local_2 = (at_3.y < v_17.rows);
             } else {
                 local_2 = false;
             }
             bool _e49 = local_2;
             if (_e49) {
-                uint row_1 = (v_15.first_row + at_2.y);
+                uint row_1 = (v_17.first_row + at_3.y);
                 i = 0u;
-                bool loop_init_12 = true;
+                bool loop_init_11 = true;
                 while(true) {
-                    if (!loop_init_12) {
+                    if (!loop_init_11) {
                         uint _e95 = i;
                         i = (_e95 + 1u);
                     }
-                    loop_init_12 = false;
+                    loop_init_11 = false;
                     uint _e55 = i;
                     if ((_e55 < 4u)) {
                     } else {
@@ -947,16 +1063,16 @@ void main() {
                     }
                     {
                         uint _e59 = i;
-                        ivec2 there = ivec2(uvec2((at_2.x + _e59), row_1));
+                        ivec2 there = ivec2(uvec2((at_3.x + _e59), row_1));
                         uint _e67 = k;
                         uint _e69 = i;
                         uint _e71 = ids[_e67][_e69];
-                        imageStore(_group_1_binding_29_cs, ivec3(there, int(v_15.layer)), uvec4(_e71, 0u, 0u, 0u));
+                        imageStore(_group_1_binding_29_cs, ivec3(there, int(v_17.layer)), uvec4(_e71, 0u, 0u, 0u));
                         uint _e85 = i;
                         uint _e89 = k;
                         uint _e91 = i;
                         float _e93 = depths[_e89][_e91];
-                        _group_1_binding_25_cs[((((((v_15.layer * 3u) * n_9) + row_1) * n_9) + at_2.x) + _e85)] = _e93;
+                        _group_1_binding_25_cs[((((((v_17.layer * 3u) * n_9) + row_1) * n_9) + at_3.x) + _e85)] = _e93;
                     }
                 }
             }

@@ -38,7 +38,7 @@ struct Settings {
     float tiny_slack;
     uint output_entries;
     uint looks_back;
-    uint unused;
+    uint run_count;
 };
 struct Vertex {
     float high_x;

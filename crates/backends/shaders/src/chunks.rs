@@ -14,6 +14,10 @@ pub const MOST_TRIANGLES: u32 = 256;
 /// The most triangles of a chunk with [`crate::Draw::Compute`]: one for each thread that prepares them.
 pub const MOST_OF_TILES: u32 = 64;
 
+/// Chunks of a run, at most: `OF_A_RUN` of `wgsl/tiles.wgsl`. A choice of half a work group: with fewer, runs take
+/// longer to look through, with more, more of their chunks are tested in vain.
+pub const OF_A_RUN: usize = 32;
+
 /// Below this number of triangles, a software driver draws hidden ones sooner than it finds them (`docs/dev/gpu.md`).
 pub const FEWEST_FOR_OCCLUSION: usize = 20_000;
 
@@ -58,6 +62,28 @@ impl Chunk {
             0,
         ]
     }
+}
+
+/// Joins neighbouring chunks to runs, for what walks through them level by level. A run's `first_index` is the number
+/// of its first chunk, its `index_count` that of its chunks.
+pub fn runs_of(chunks: &[Chunk]) -> Vec<Chunk> {
+    let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    let runs = chunks.chunks(OF_A_RUN).enumerate();
+    runs.map(|(run, members)| {
+        let low = members
+            .iter()
+            .fold(DVec3::INFINITY, |low, c| low.min(c.center - c.half_sides));
+        let high = members
+            .iter()
+            .fold(DVec3::NEG_INFINITY, |high, c| high.max(c.center + c.half_sides));
+        Chunk {
+            first_index: count(run * OF_A_RUN),
+            index_count: count(members.len()),
+            center: (low + high) * 0.5,
+            half_sides: (high - low) * 0.5,
+        }
+    })
+    .collect()
 }
 
 /// Cuts surfaces into runs of at most `most`, in the octree's order: whole nodes, if they are small enough, and else

@@ -1,6 +1,6 @@
 //! Sizes of submissions, and the check of a scene against a device's limits.
 
-use crate::chunks::CHUNK_WORDS;
+use crate::chunks::{CHUNK_WORDS, OF_A_RUN};
 use crate::output::{ENTRY_WORDS, HEADER_WORDS};
 use crate::upload::{Upload, VERTEX_BYTES};
 use crate::view::{FACES, VIEW_BYTES};
@@ -243,7 +243,11 @@ impl Plan {
         };
         vec![
             words("views", b::VIEWS, batch * faces * u64::from(VIEW_BYTES) / 4),
-            words("chunks", b::CHUNKS, chunks * CHUNK_WORDS as u64),
+            words(
+                "chunks",
+                b::CHUNKS,
+                (chunks + chunks.div_ceil(OF_A_RUN as u64)) * CHUNK_WORDS as u64,
+            ),
             words(
                 "depth pyramids",
                 b::PYRAMID,

@@ -177,9 +177,10 @@ impl Upload {
         words
     }
 
-    /// The words of [`Upload::chunks`].
+    /// The words of [`Upload::chunks`], and of their runs.
     pub fn chunk_words(&self) -> Vec<u32> {
-        self.chunks.iter().flat_map(Chunk::words).collect()
+        let runs = chunks::runs_of(&self.chunks);
+        self.chunks.iter().chain(&runs).flat_map(Chunk::words).collect()
     }
 }
 

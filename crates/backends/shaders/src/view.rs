@@ -1,5 +1,6 @@
 //! One face of one hemicube in the shaders' layout.
 
+use crate::chunks::OF_A_RUN;
 use crate::limits::Plan;
 use crate::upload::{Upload, split};
 use hemicube_contract::backend::{Geometry, Hemicube, Pass};
@@ -183,6 +184,6 @@ pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
         tiny_slack.to_bits(),
         plan.output_entries(),
         (HEMICUBES_BACK / plan.group).max(1),
-        0,
+        count(upload.chunks.len().div_ceil(OF_A_RUN)),
     ]
 }

@@ -47,7 +47,8 @@ struct Settings {
     output_entries: u32,
     // Number of earlier groups of hemicubes whose visible chunks are drawn first.
     looks_back: u32,
-    unused: u32,
+    // Runs of chunks: they follow the chunks.
+    run_count: u32,
 }
 
 // A corner, and the patches of the triangle owning it: src/upload.rs.

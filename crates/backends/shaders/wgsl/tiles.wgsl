@@ -1,7 +1,8 @@
 // Draws hemicubes by compute alone: `draw=compute`. A workgroup owns a tile of a face, and each of its threads some
 // pixels of it, with their nearest depths and ids in registers: no atomics, and the same ids in any order.
 //
-//   list chunks ▶ sort, the nearest first ▶ chunk by chunk: prepare triangles ▶ test pixels ▶ sums, ids, depths
+//   list runs of chunks ▶ of the nearest runs list chunks ▶ chunk by chunk, the nearest first: prepare triangles ▶
+//   test pixels ▶ sums, ids, depths
 //
 // Edges are those of the settle stage, to the bit: a centre is in a triangle if three products say so, which two
 // triangles compute with opposite signs. Depths are of triangles' planes; of equal ones the smaller id is seen.
@@ -22,9 +23,11 @@ const GROUP: u32 = 64u;
 // Strips of 32 × 8 pixels, one below the other: four pixels of each a thread. `TILE` of src/limits.rs.
 const STRIPS: u32 = 2u;
 const HIGH: u32 = 8u * STRIPS;
-// Chunks listed at once, and how many of them a round adds at most.
-const LIST: u32 = 512u;
-const ROUND: u32 = 256u;
+// Runs listed at once, and chunks. A round adds at most GROUP of either.
+const RUNS: u32 = 256u;
+const LIST: u32 = 128u;
+// Chunks of a run, at most: `OF_A_RUN` of src/chunks.rs.
+const OF_A_RUN: u32 = 32u;
 const NOBODY: u32 = 0xffffffffu;
 // Nearer than any depth.
 const NEAREST: f32 = 3e38;
@@ -39,7 +42,9 @@ struct Ready {
     least: f32,
     greatest: f32,
     id: u32,
-    unused: u32,
+    // The rows that it may cover, as directions: the least and the greatest y.
+    low: f32,
+    high: f32,
 }
 
 // The directions of a tile's outermost pixel centres, in whole numbers: x, y of the first, x, y of the last.
@@ -53,11 +58,13 @@ struct Tile {
 var<private> depths: array<vec4<f32>, STRIPS>;
 var<private> ids: array<vec4<u32>, STRIPS>;
 
-var<workgroup> numbers: array<u32, LIST>;
-var<workgroup> bounds: array<f32, LIST>;
-var<workgroup> sorted: array<u32, LIST>;
+// Runs, then chunks: their numbers and bounds as they were found, and their places there, the nearest first.
+var<workgroup> numbers: array<u32, RUNS + LIST>;
+var<workgroup> bounds: array<f32, RUNS + LIST>;
+var<workgroup> sorted: array<u32, RUNS + LIST>;
 var<workgroup> listed: atomic<u32>;
-var<workgroup> listed_now: u32;
+// Their number after a round, and 1 if more may follow.
+var<workgroup> listed_now: vec2<u32>;
 var<workgroup> chosen: u32;
 var<workgroup> ready: array<Ready, GROUP>;
 var<workgroup> ready_count: atomic<u32>;
@@ -98,45 +105,91 @@ fn bound_of(v: View, tile: Tile, chunk: Chunk) -> f32 {
     return select(NEAREST, v.near / nearest * 1.00001, nearest > margin);
 }
 
-// Lists chunks of the tile from a number on. Returns the first number left.
-fn list(local: u32, v: View, tile: Tile, from_number: u32) -> u32 {
-    if (local == 0u) {
-        atomicStore(&listed, 0u);
+// Adds what a thread found to a list that begins at `base`, if the tile may see it.
+fn add_to_list(base: u32, number: u32, bound: f32) {
+    if (bound >= bitcast<f32>(atomicLoad(&farthest))) {
+        let at = base + atomicAdd(&listed, 1u);
+        numbers[at] = number;
+        bounds[at] = bound;
     }
-    workgroupBarrier();
-    let far = bitcast<f32>(atomicLoad(&farthest));
-    var first = from_number;
-    loop {
-        let end = min(first + ROUND, settings.chunk_count);
-        for (var number = first + local; number < end; number += GROUP) {
-            let bound = bound_of(v, tile, chunks[number]);
-            if (bound >= far) {
-                let at = atomicAdd(&listed, 1u);
-                numbers[at] = number;
-                bounds[at] = bound;
-            }
-        }
-        first = end;
-        workgroupBarrier();
-        if (local == 0u) {
-            listed_now = atomicLoad(&listed);
-        }
-        let count = workgroupUniformLoad(&listed_now);
-        if (count > LIST - ROUND || first >= settings.chunk_count) {
-            break;
-        }
-    }
-    // Ranks: lists are short.
-    for (var i = local; i < listed_now; i += GROUP) {
+}
+
+// Ranks a list of `count` from `base` on: lists are short.
+fn sort(local: u32, base: u32, count: u32) {
+    for (var i = base + local; i < base + count; i += GROUP) {
         let mine = bounds[i];
-        var rank = 0u;
-        for (var k = 0u; k < listed_now; k++) {
+        var rank = base;
+        for (var k = base; k < base + count; k++) {
             rank += u32(bounds[k] > mine || (bounds[k] == mine && k < i));
         }
         sorted[rank] = i;
     }
     workgroupBarrier();
-    return first;
+}
+
+// Lists runs of the tile from a number on. Returns the first number left, and how many were listed.
+fn list_runs(local: u32, v: View, tile: Tile, from_number: u32) -> vec2<u32> {
+    if (local == 0u) {
+        atomicStore(&listed, 0u);
+    }
+    workgroupBarrier();
+    var first = from_number;
+    var count = 0u;
+    loop {
+        let number = first + local;
+        if (number < settings.run_count) {
+            add_to_list(0u, number, bound_of(v, tile, chunks[settings.chunk_count + number]));
+        }
+        first += GROUP;
+        workgroupBarrier();
+        if (local == 0u) {
+            listed_now = vec2<u32>(atomicLoad(&listed), 0u);
+        }
+        count = workgroupUniformLoad(&listed_now).x;
+        if (count > RUNS - GROUP || first >= settings.run_count) {
+            break;
+        }
+    }
+    sort(local, 0u, count);
+    return vec2<u32>(first, count);
+}
+
+// Returns whether the run at a place of `runs` sorted ones may still be seen: then no one after it is nearer.
+fn may_be_seen(place: u32, runs: u32) -> bool {
+    return place < runs && bounds[sorted[place]] >= bitcast<f32>(atomicLoad(&farthest));
+}
+
+// Lists chunks of the tile from a place of `runs` sorted runs on. Returns the first place left, how many were listed,
+// and 1 if runs are left that may be seen.
+fn list_chunks(local: u32, v: View, tile: Tile, from_place: u32, runs: u32) -> vec3<u32> {
+    if (local == 0u) {
+        atomicStore(&listed, 0u);
+    }
+    workgroupBarrier();
+    var place = from_place;
+    var now = vec2<u32>(0u);
+    loop {
+        // So many runs at once.
+        let mine = place + local / OF_A_RUN;
+        if (may_be_seen(mine, runs)) {
+            let run = chunks[settings.chunk_count + numbers[sorted[mine]]];
+            if (local % OF_A_RUN < run.index_count) {
+                let number = run.first_index + local % OF_A_RUN;
+                add_to_list(RUNS, number, bound_of(v, tile, chunks[number]));
+            }
+        }
+        place += GROUP / OF_A_RUN;
+        workgroupBarrier();
+        if (local == 0u) {
+            listed_now = vec2<u32>(atomicLoad(&listed), u32(may_be_seen(place, runs)));
+        }
+        now = workgroupUniformLoad(&listed_now);
+        if (now.x > LIST - GROUP || now.y == 0u) {
+            break;
+        }
+    }
+    sort(local, RUNS, now.x);
+    return vec3<u32>(place, now);
 }
 
 // Prepares a triangle, if it may be seen in the tile.
@@ -168,6 +221,25 @@ fn prepare(v: View, tile: Tile, number: u32) {
         return;
     }
     var found: Ready;
+    found.low = -NEAREST;
+    found.high = NEAREST;
+    let shallowest = min(min(p.z, q.z), r.z);
+    if (shallowest > 0.0) {
+        // Sides are those of the corners but for rounding, and for heights put into the emitter's plane.
+        let margin = n * (8e-6 * (extent.x + extent.y + extent.z) + v.tolerance) / shallowest;
+        let a_on = p.xy * (n / p.z);
+        let b_on = q.xy * (n / q.z);
+        let c_on = r.xy * (n / r.z);
+        let low = min(min(a_on, b_on), c_on) - margin;
+        let high = max(max(a_on, b_on), c_on) + margin;
+        // Most triangles of a fine mesh lie between the centres of two pixels.
+        let first = tile.ends.xy + 2.0 * ceil(max(0.5 * (low - tile.ends.xy), vec2<f32>(0.0)));
+        if (any(first > min(high, tile.ends.zw))) {
+            return;
+        }
+        found.low = low.y;
+        found.high = high.y;
+    }
     for (var k = 0u; k < 3u; k++) {
         let side = t.sides[k];
         found.sides[k] = vec4<f32>(side, select(0.0, 1.0, side_of(side, vec3<f32>(0.0)) > 0.0));
@@ -185,7 +257,6 @@ fn prepare(v: View, tile: Tile, number: u32) {
     let factor = select(1.0, behind(vec4<f32>(error), 1.0), found.id == settings.patch_count);
     found.plane = vec4<f32>(scale * along(tile.axes, normal), factor);
     // Planes seen edge-on are too uncertain: depths stay within those of the corners.
-    let shallowest = min(min(p.z, q.z), r.z);
     found.least = v.near / deepest * 0.999999;
     found.greatest = select(1.0, min(v.near / shallowest * 1.000001, 1.0), shallowest > 0.0);
     let nearest = dot_fused(found.plane.xyz, greatest_in(tile, found.plane.xyz, n));
@@ -213,6 +284,9 @@ fn test(x: vec4<f32>, y: f32) {
         let t = ready[i];
         for (var k = 0u; k < STRIPS; k++) {
             let down = y + 16.0 * f32(k);
+            if (down < t.low || down > t.high) {
+                continue;
+            }
             let inside = is_inside(t.sides[0], x, down, n)
                 & is_inside(t.sides[1], x, down, n)
                 & is_inside(t.sides[2], x, down, n);
@@ -231,8 +305,48 @@ fn choose(place: u32) -> u32 {
     if (place >= atomicLoad(&listed)) {
         return NOBODY;
     }
-    let i = sorted[place];
+    let i = sorted[RUNS + place];
     return select(numbers[i], NOBODY, bounds[i] < bitcast<f32>(atomicLoad(&farthest)));
+}
+
+// Draws the listed chunks, the nearest first. x, y: the direction of a thread's first pixel.
+fn draw_listed(local: u32, v: View, tile: Tile, x: vec4<f32>, y: f32) {
+    var place = 0u;
+    loop {
+        if (local == 0u) {
+            chosen = choose(place);
+        }
+        let number = workgroupUniformLoad(&chosen);
+        if (number == NOBODY) {
+            break;
+        }
+        place++;
+        let first = chunks[number].first_index / 3u;
+        let count = chunks[number].index_count / 3u;
+        for (var part = 0u; part < count; part += GROUP) {
+            if (local == 0u) {
+                atomicStore(&ready_count, 0u);
+            }
+            workgroupBarrier();
+            if (part + local < count) {
+                prepare(v, tile, first + part + local);
+            }
+            workgroupBarrier();
+            test(x, y);
+            workgroupBarrier();
+        }
+        if (local == 0u) {
+            atomicStore(&farthest, 0x7f000000u);
+        }
+        workgroupBarrier();
+        var least = depths[0];
+        for (var k = 1u; k < STRIPS; k++) {
+            least = min(least, depths[k]);
+        }
+        let of_all = min(min(least.x, least.y), min(least.z, least.w));
+        atomicMin(&farthest, bitcast<u32>(of_all));
+        workgroupBarrier();
+    }
 }
 
 fn draw(local: u32, v: View, tile: Tile) {
@@ -249,44 +363,18 @@ fn draw(local: u32, v: View, tile: Tile) {
     if (local == 0u) {
         atomicStore(&farthest, 0u);
     }
-    var next = 0u;
-    while (next < settings.chunk_count) {
-        next = list(local, v, tile, next);
+    var next_run = 0u;
+    while (next_run < settings.run_count) {
+        let runs = list_runs(local, v, tile, next_run);
+        next_run = runs.x;
         var place = 0u;
         loop {
-            if (local == 0u) {
-                chosen = choose(place);
-            }
-            let number = workgroupUniformLoad(&chosen);
-            if (number == NOBODY) {
+            let found = list_chunks(local, v, tile, place, runs.y);
+            place = found.x;
+            draw_listed(local, v, tile, x, y);
+            if (found.z == 0u) {
                 break;
             }
-            place++;
-            let first = chunks[number].first_index / 3u;
-            let count = chunks[number].index_count / 3u;
-            for (var part = 0u; part < count; part += GROUP) {
-                if (local == 0u) {
-                    atomicStore(&ready_count, 0u);
-                }
-                workgroupBarrier();
-                if (part + local < count) {
-                    prepare(v, tile, first + part + local);
-                }
-                workgroupBarrier();
-                test(x, y);
-                workgroupBarrier();
-            }
-            if (local == 0u) {
-                atomicStore(&farthest, 0x7f000000u);
-            }
-            workgroupBarrier();
-            var least = depths[0];
-            for (var k = 1u; k < STRIPS; k++) {
-                least = min(least, depths[k]);
-            }
-            let of_all = min(min(least.x, least.y), min(least.z, least.w));
-            atomicMin(&farthest, bitcast<u32>(of_all));
-            workgroupBarrier();
         }
     }
 }
