@@ -59,15 +59,13 @@ impl DeltaTable {
         let top_weight = WHOLE - 4 * side_weight;
         let step = 2.0 / f64::from(resolution);
         let at = |k: u32| f64::from(k) * step;
-        let top = running_sum(resolution, resolution, top_weight, |x, y| {
-            let (a, b) = (at(x) - 1.0, at(y) - 1.0);
-            rectangle(top_corner, a, a + step, b, b + step)
-        });
-        let side = running_sum(resolution, resolution / 2, side_weight, |x, y| {
-            let (a, b) = (at(x) - 1.0, at(y));
-            rectangle(side_corner, a, a + step, b, b + step)
-        });
-        Self { resolution, top, side }
+        let across: Vec<f64> = (0..resolution).map(|x| at(x) - 1.0).collect();
+        let up: Vec<f64> = (0..resolution / 2).map(at).collect();
+        Self {
+            resolution,
+            top: scaled(&sums_of_rectangles(top_corner, &across, &across, step), top_weight),
+            side: scaled(&sums_of_rectangles(side_corner, &across, &up, step), side_weight),
+        }
     }
 
     /// The table of other weights than form factors: `share` is the integral of their density over a pixel, of the top
@@ -157,10 +155,6 @@ fn round_weight(weight: f64) -> u32 {
     rounded
 }
 
-fn running_sum(width: u32, height: u32, total: u32, share: impl Fn(u32, u32) -> f64) -> Vec<u32> {
-    scaled(&sums(width, height, share), total)
-}
-
 /// The running sum of the pixels' shares, row by row, from 0.
 fn sums(width: u32, height: u32, share: impl Fn(u32, u32) -> f64) -> Vec<f64> {
     let mut sums = Vec::with_capacity(width as usize * height as usize + 1);
@@ -185,8 +179,44 @@ fn last(sums: &[f64]) -> f64 {
     sums.last().copied().unwrap_or(0.0)
 }
 
-fn rectangle(corner: impl Fn(f64, f64) -> f64, a0: f64, a1: f64, b0: f64, b1: f64) -> f64 {
-    (corner(a1, b1) - corner(a0, b1)) - (corner(a1, b0) - corner(a0, b0))
+/// The running sum over pixels that begin at `lefts` and `lows`, from the integral from the axis to a corner. A corner
+/// is evaluated once where the pixels that meet there have the same one, but for rounding.
+fn sums_of_rectangles(corner: impl Fn(f64, f64) -> f64, lefts: &[f64], lows: &[f64], step: f64) -> Vec<f64> {
+    // Of each pixel of a row, the integrals to its left and to its right corner.
+    let along = |b: f64, found: &mut Vec<[f64; 2]>| {
+        found.clear();
+        let mut before = None;
+        for &left in lefts {
+            let right = left + step;
+            let to_left = match before {
+                Some((at, integral)) if at == left => integral,
+                _ => corner(left, b),
+            };
+            let to_right = corner(right, b);
+            found.push([to_left, to_right]);
+            before = Some((right, to_right));
+        }
+    };
+    let (mut below, mut above) = (Vec::new(), Vec::new());
+    let mut highest = None;
+    let mut sums = Vec::with_capacity(lefts.len() * lows.len() + 1);
+    let mut sum = 0.0;
+    sums.push(sum);
+    for &low in lows {
+        if highest == Some(low) {
+            std::mem::swap(&mut below, &mut above);
+        } else {
+            along(low, &mut below);
+        }
+        let high = low + step;
+        along(high, &mut above);
+        for ([a0b0, a1b0], [a0b1, a1b1]) in below.iter().zip(&above) {
+            sum += (a1b1 - a0b1) - (a1b0 - a0b0);
+            sums.push(sum);
+        }
+        highest = Some(high);
+    }
+    sums
 }
 
 fn top_corner(a: f64, b: f64) -> f64 {
