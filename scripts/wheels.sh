@@ -50,8 +50,7 @@ if ! tools=$(python_environment wheels 'maturin>=1.9,<2' 'ziglang>=0.13'); then
 fi
 tools=${tools%/bin/python}
 
-# Neither paths in messages of panics, nor times in the archive, which begin with 1980. Line numbers are for those who
-# build it, and would be half of it: without them, Cargo strips those of the standard library.
+# Neither paths in messages of panics, nor times in the archive, which begin with 1980.
 export SOURCE_DATE_EPOCH=315532800
 CARGO_ENCODED_RUSTFLAGS=$(printf -- '--remap-path-prefix=%s=\x1f--remap-path-prefix=%s=' "${CARGO_HOME:-$HOME/.cargo}/registry/src" "$PWD")
 export CARGO_ENCODED_RUSTFLAGS

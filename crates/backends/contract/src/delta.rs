@@ -180,7 +180,7 @@ fn last(sums: &[f64]) -> f64 {
 }
 
 /// The running sum over pixels that begin at `lefts` and `lows`, from the integral from the axis to a corner. A corner
-/// is evaluated once where the pixels that meet there have the same one, but for rounding.
+/// is evaluated once where the pixels that meet there have it at the same coordinates to the bit.
 fn sums_of_rectangles(corner: impl Fn(f64, f64) -> f64, lefts: &[f64], lows: &[f64], step: f64) -> Vec<f64> {
     // Of each pixel of a row, the integrals to its left and to its right corner.
     let along = |b: f64, found: &mut Vec<[f64; 2]>| {

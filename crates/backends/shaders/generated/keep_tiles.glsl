@@ -527,26 +527,65 @@ uvec3 list_chunks(uint local_11, View v_12, Tile tile_2, uint from_place_1, uint
     return uvec3(_e74, _e75);
 }
 
+bool points_at_the_eye(Outline t) {
+    bool found = false;
+    uint k_2 = 0u;
+    bool local_13 = false;
+    bool loop_init_2 = true;
+    while(true) {
+        if (!loop_init_2) {
+            uint _e42 = k_2;
+            k_2 = (_e42 + 1u);
+        }
+        loop_init_2 = false;
+        uint _e5 = k_2;
+        if ((_e5 < 3u)) {
+        } else {
+            break;
+        }
+        {
+            uint _e9 = k_2;
+            vec3 p_3 = t.corners[_e9];
+            uint _e12 = k_2;
+            vec3 q_1 = t.corners[((_e12 + 1u) % 3u)];
+            float most = ((0.001 * dot((p_3 + q_1), (p_3 + q_1))) * dot((q_1 - p_3), (q_1 - p_3)));
+            bool _e27 = found;
+            if (!(_e27)) {
+                uint _e32 = k_2;
+                uint _e35 = k_2;
+                local_13 = (dot(t.sides[_e32], t.sides[_e35]) <= most);
+            } else {
+                local_13 = true;
+            }
+            bool _e40 = local_13;
+            found = _e40;
+        }
+    }
+    bool _e44 = found;
+    return _e44;
+}
+
 vec3 greatest_in(Tile tile_3, vec3 along_1, float n) {
     return vec3(mix(tile_3.ends.xy, tile_3.ends.zw, greaterThan(along_1.xy, vec2(0.0))), n);
 }
 
 void prepare(View v_13, Tile tile_4, uint number_1) {
-    bool local_13 = false;
     bool local_14 = false;
     bool local_15 = false;
-    Ready found = Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0);
-    uint k_2 = 0u;
+    bool local_16 = false;
+    Ready found_1 = Ready(vec4[3](vec4(0.0), vec4(0.0), vec4(0.0)), vec4(0.0), 0.0, 0.0, 0u, 0.0, 0.0);
+    bool local_17 = false;
+    uint k_3 = 0u;
     uint _e5 = _group_1_binding_1_cs.resolution;
     float n_5 = float(_e5);
     uint _e12 = _group_1_binding_16_cs[(3u * number_1)];
     Vertex a_10 = _group_1_binding_15_cs[_e12];
     if (!((a_10.front == v_13.emitter))) {
-        local_13 = (a_10.back == v_13.emitter);
+        local_14 = (a_10.back == v_13.emitter);
     } else {
-        local_13 = true;
+        local_14 = true;
     }
-    bool _e25 = local_13;
+    bool _e25 = local_14;
     if (_e25) {
         return;
     }
@@ -555,36 +594,43 @@ void prepare(View v_13, Tile tile_4, uint number_1) {
     uint _e43 = _group_1_binding_16_cs[((3u * number_1) + 2u)];
     Vertex c_5 = _group_1_binding_15_cs[_e43];
     Outline _e47 = outline(v_13, tile_4.axes, a_10, b_5, c_5);
-    vec3 p_3 = _e47.corners[0];
-    vec3 q_1 = _e47.corners[1];
+    vec3 p_4 = _e47.corners[0];
+    vec3 q_2 = _e47.corners[1];
     vec3 r_1 = _e47.corners[2];
     float slack = (-1e-5 * n_5);
-    vec4 all_ = max(max(vec4(((n_5 * p_3.xy) - (tile_4.ends.xy * p_3.z)), ((tile_4.ends.zw * p_3.z) - (n_5 * p_3.xy))), vec4(((n_5 * q_1.xy) - (tile_4.ends.xy * q_1.z)), ((tile_4.ends.zw * q_1.z) - (n_5 * q_1.xy)))), vec4(((n_5 * r_1.xy) - (tile_4.ends.xy * r_1.z)), ((tile_4.ends.zw * r_1.z) - (n_5 * r_1.xy))));
-    vec3 extent = max(max(abs(p_3), abs(q_1)), abs(r_1));
-    float deepest = max(max(p_3.z, q_1.z), r_1.z);
+    vec4 all_ = max(max(vec4(((n_5 * p_4.xy) - (tile_4.ends.xy * p_4.z)), ((tile_4.ends.zw * p_4.z) - (n_5 * p_4.xy))), vec4(((n_5 * q_2.xy) - (tile_4.ends.xy * q_2.z)), ((tile_4.ends.zw * q_2.z) - (n_5 * q_2.xy)))), vec4(((n_5 * r_1.xy) - (tile_4.ends.xy * r_1.z)), ((tile_4.ends.zw * r_1.z) - (n_5 * r_1.xy))));
+    vec3 extent = max(max(abs(p_4), abs(q_2)), abs(r_1));
+    float deepest = max(max(p_4.z, q_2.z), r_1.z);
     bool is_beyond = any(lessThan(all_, vec4((slack * ((extent.x + extent.y) + extent.z)))));
     if (!(is_beyond)) {
-        local_14 = (deepest <= 0.0);
-    } else {
-        local_14 = true;
-    }
-    bool _e128 = local_14;
-    if (!(_e128)) {
-        local_15 = (_e47.volume == 0.0);
+        local_15 = (deepest <= 0.0);
     } else {
         local_15 = true;
     }
-    bool _e136 = local_15;
+    bool _e128 = local_15;
+    if (!(_e128)) {
+        local_16 = (_e47.volume == 0.0);
+    } else {
+        local_16 = true;
+    }
+    bool _e136 = local_16;
     if (_e136) {
         return;
     }
-    found.low = -3e38;
-    found.high = NEAREST;
-    float shallowest = min(min(p_3.z, q_1.z), r_1.z);
+    found_1.low = -3e38;
+    found_1.high = NEAREST;
+    float shallowest = min(min(p_4.z, q_2.z), r_1.z);
     if ((shallowest > 0.0)) {
+        bool _e151 = points_at_the_eye(_e47);
+        local_17 = !(_e151);
+    } else {
+        local_17 = false;
+    }
+    bool _e154 = local_17;
+    if (_e154) {
         float margin_1 = ((n_5 * ((8e-6 * ((extent.x + extent.y) + extent.z)) + v_13.tolerance)) / shallowest);
-        vec2 a_on = (p_3.xy * (n_5 / p_3.z));
-        vec2 b_on = (q_1.xy * (n_5 / q_1.z));
+        vec2 a_on = (p_4.xy * (n_5 / p_4.z));
+        vec2 b_on = (q_2.xy * (n_5 / q_2.z));
         vec2 c_on = (r_1.xy * (n_5 / r_1.z));
         vec2 low_3 = (min(min(a_on, b_on), c_on) - vec2(margin_1));
         vec2 high_3 = (max(max(a_on, b_on), c_on) + vec2(margin_1));
@@ -592,63 +638,63 @@ void prepare(View v_13, Tile tile_4, uint number_1) {
         if (any(greaterThan(first_3, min(high_3, tile_4.ends.zw)))) {
             return;
         }
-        found.low = low_3.y;
-        found.high = high_3.y;
+        found_1.low = low_3.y;
+        found_1.high = high_3.y;
     }
-    bool loop_init_2 = true;
+    bool loop_init_3 = true;
     while(true) {
-        if (!loop_init_2) {
-            uint _e228 = k_2;
-            k_2 = (_e228 + 1u);
+        if (!loop_init_3) {
+            uint _e234 = k_3;
+            k_3 = (_e234 + 1u);
         }
-        loop_init_2 = false;
-        uint _e205 = k_2;
-        if ((_e205 < 3u)) {
+        loop_init_3 = false;
+        uint _e211 = k_3;
+        if ((_e211 < 3u)) {
         } else {
             break;
         }
         {
-            uint _e209 = k_2;
-            vec3 side_1 = _e47.sides[_e209];
-            uint _e212 = k_2;
-            float _e216 = side_of(side_1, vec3(0.0));
-            found.sides[_e212] = vec4(side_1, ((_e216 > 0.0) ? 1.0 : 0.0));
-            vec3 _e223 = greatest_in(tile_4, side_1, n_5);
-            float _e224 = dot_fused(side_1, _e223);
-            if ((_e224 < 0.0)) {
+            uint _e215 = k_3;
+            vec3 side_1 = _e47.sides[_e215];
+            uint _e218 = k_3;
+            float _e222 = side_of(side_1, vec3(0.0));
+            found_1.sides[_e218] = vec4(side_1, ((_e222 > 0.0) ? 1.0 : 0.0));
+            vec3 _e229 = greatest_in(tile_4, side_1, n_5);
+            float _e230 = dot_fused(side_1, _e229);
+            if ((_e230 < 0.0)) {
                 return;
             }
         }
     }
-    found.id = ((_e47.volume > 0.0) ? a_10.back : a_10.front);
+    found_1.id = ((_e47.volume > 0.0) ? a_10.back : a_10.front);
     vec3 normal_1 = vec3(a_10.normal_x, a_10.normal_y, a_10.normal_z);
-    vec3 _e241 = high_of(a_10);
-    vec3 _e242 = low_of(a_10);
-    vec3 _e243 = relative(v_13, _e241, _e242);
-    float height_2 = (((normal_1.x * _e243.x) + (normal_1.y * _e243.y)) + (normal_1.z * _e243.z));
+    vec3 _e247 = high_of(a_10);
+    vec3 _e248 = low_of(a_10);
+    vec3 _e249 = relative(v_13, _e247, _e248);
+    float height_2 = (((normal_1.x * _e249.x) + (normal_1.y * _e249.y)) + (normal_1.z * _e249.z));
     float scale = ((height_2 == 0.0) ? 0.0 : (v_13.near / (height_2 * n_5)));
-    float error_1 = ((((abs(_e243.x) + abs(_e243.y)) + abs(_e243.z)) * 2.3841858e-7) / abs(height_2));
-    float _e276 = behind(vec4(error_1), 1.0);
-    uint _e278 = found.id;
-    uint _e281 = _group_1_binding_1_cs.patch_count;
-    float factor = ((_e278 == _e281) ? _e276 : 1.0);
-    vec3 _e287 = along(tile_4.axes, normal_1);
-    found.plane = vec4((scale * _e287), factor);
-    found.least = ((v_13.near / deepest) * 0.999999);
-    found.greatest = ((shallowest > 0.0) ? min(((v_13.near / shallowest) * 1.000001), 1.0) : 1.0);
-    vec4 _e307 = found.plane;
-    vec4 _e310 = found.plane;
-    vec3 _e312 = greatest_in(tile_4, _e310.xyz, n_5);
-    float _e313 = dot_fused(_e307.xyz, _e312);
-    float _e315 = found.least;
-    float _e317 = found.greatest;
-    uint _e321 = atomicOr(farthest, 0u);
-    if (((clamp(_e313, _e315, _e317) * factor) < uintBitsToFloat(_e321))) {
+    float error_1 = ((((abs(_e249.x) + abs(_e249.y)) + abs(_e249.z)) * 2.3841858e-7) / abs(height_2));
+    float _e282 = behind(vec4(error_1), 1.0);
+    uint _e284 = found_1.id;
+    uint _e287 = _group_1_binding_1_cs.patch_count;
+    float factor = ((_e284 == _e287) ? _e282 : 1.0);
+    vec3 _e293 = along(tile_4.axes, normal_1);
+    found_1.plane = vec4((scale * _e293), factor);
+    found_1.least = ((v_13.near / deepest) * 0.999999);
+    found_1.greatest = ((shallowest > 0.0) ? min(((v_13.near / shallowest) * 1.000001), 1.0) : 1.0);
+    vec4 _e313 = found_1.plane;
+    vec4 _e316 = found_1.plane;
+    vec3 _e318 = greatest_in(tile_4, _e316.xyz, n_5);
+    float _e319 = dot_fused(_e313.xyz, _e318);
+    float _e321 = found_1.least;
+    float _e323 = found_1.greatest;
+    uint _e327 = atomicOr(farthest, 0u);
+    if (((clamp(_e319, _e321, _e323) * factor) < uintBitsToFloat(_e327))) {
         return;
     }
-    uint _e327 = atomicAdd(ready_count, 1u);
-    Ready _e329 = found;
-    ready[_e327] = _e329;
+    uint _e333 = atomicAdd(ready_count, 1u);
+    Ready _e335 = found_1;
+    ready[_e333] = _e335;
     return;
 }
 
@@ -659,18 +705,18 @@ bvec4 is_inside(vec4 side, vec4 x, float y, float n_1) {
 
 void test(vec4 x_1, float y_1) {
     uint i_2 = 0u;
-    uint k_3 = 0u;
-    bool local_16 = false;
+    uint k_4 = 0u;
+    bool local_18 = false;
     uint _e4 = _group_1_binding_1_cs.resolution;
     float n_6 = float(_e4);
     uint count_2 = atomicOr(ready_count, 0u);
-    bool loop_init_3 = true;
+    bool loop_init_4 = true;
     while(true) {
-        if (!loop_init_3) {
+        if (!loop_init_4) {
             uint _e99 = i_2;
             i_2 = (_e99 + 1u);
         }
-        loop_init_3 = false;
+        loop_init_4 = false;
         uint _e10 = i_2;
         if ((_e10 < count_2)) {
         } else {
@@ -678,49 +724,49 @@ void test(vec4 x_1, float y_1) {
         }
         {
             uint _e13 = i_2;
-            Ready t = ready[_e13];
-            k_3 = 0u;
-            bool loop_init_4 = true;
+            Ready t_1 = ready[_e13];
+            k_4 = 0u;
+            bool loop_init_5 = true;
             while(true) {
-                if (!loop_init_4) {
-                    uint _e96 = k_3;
-                    k_3 = (_e96 + 1u);
+                if (!loop_init_5) {
+                    uint _e96 = k_4;
+                    k_4 = (_e96 + 1u);
                 }
-                loop_init_4 = false;
-                uint _e18 = k_3;
+                loop_init_5 = false;
+                uint _e18 = k_4;
                 if ((_e18 < STRIPS)) {
                 } else {
                     break;
                 }
                 {
-                    uint _e21 = k_3;
+                    uint _e21 = k_4;
                     float down = (y_1 + (16.0 * float(_e21)));
-                    if (!((down < t.low))) {
-                        local_16 = (down > t.high);
+                    if (!((down < t_1.low))) {
+                        local_18 = (down > t_1.high);
                     } else {
-                        local_16 = true;
+                        local_18 = true;
                     }
-                    bool _e34 = local_16;
+                    bool _e34 = local_18;
                     if (_e34) {
                         continue;
                     }
-                    bvec4 _e37 = is_inside(t.sides[0], x_1, down, n_6);
-                    bvec4 _e40 = is_inside(t.sides[1], x_1, down, n_6);
-                    bvec4 _e44 = is_inside(t.sides[2], x_1, down, n_6);
+                    bvec4 _e37 = is_inside(t_1.sides[0], x_1, down, n_6);
+                    bvec4 _e40 = is_inside(t_1.sides[1], x_1, down, n_6);
+                    bvec4 _e44 = is_inside(t_1.sides[2], x_1, down, n_6);
                     bvec4 inside = bvec4(bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).x && _e44.x, bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).y && _e44.y, bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).z && _e44.z, bvec4(_e37.x && _e40.x, _e37.y && _e40.y, _e37.z && _e40.z, _e37.w && _e40.w).w && _e44.w);
-                    vec4 plane_2 = fma(vec4(t.plane.x), x_1, vec4(fma(t.plane.y, down, (t.plane.z * n_6))));
-                    vec4 depth_2 = (clamp(plane_2, vec4(t.least), vec4(t.greatest)) * t.plane.w);
-                    uint _e66 = k_3;
+                    vec4 plane_2 = fma(vec4(t_1.plane.x), x_1, vec4(fma(t_1.plane.y, down, (t_1.plane.z * n_6))));
+                    vec4 depth_2 = (clamp(plane_2, vec4(t_1.least), vec4(t_1.greatest)) * t_1.plane.w);
+                    uint _e66 = k_4;
                     vec4 best = depths[_e66];
-                    uint _e74 = k_3;
+                    uint _e74 = k_4;
                     uvec4 _e76 = ids[_e74];
-                    bvec4 nearer = bvec4(inside.x && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).x, inside.y && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).y, inside.z && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).z, inside.w && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t.id), _e76).w).w).w);
-                    uint _e82 = k_3;
+                    bvec4 nearer = bvec4(inside.x && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).w).x, inside.y && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).w).y, inside.z && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).w).z, inside.w && bvec4(greaterThan(depth_2, best).x || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).x, greaterThan(depth_2, best).y || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).y, greaterThan(depth_2, best).z || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).z, greaterThan(depth_2, best).w || bvec4(equal(depth_2, best).x && lessThan(uvec4(t_1.id), _e76).x, equal(depth_2, best).y && lessThan(uvec4(t_1.id), _e76).y, equal(depth_2, best).z && lessThan(uvec4(t_1.id), _e76).z, equal(depth_2, best).w && lessThan(uvec4(t_1.id), _e76).w).w).w);
+                    uint _e82 = k_4;
                     depths[_e82] = mix(best, depth_2, nearer);
-                    uint _e86 = k_3;
-                    uint _e89 = k_3;
+                    uint _e86 = k_4;
+                    uint _e89 = k_4;
                     uvec4 _e91 = ids[_e89];
-                    ids[_e86] = mix(_e91, uvec4(t.id), nearer);
+                    ids[_e86] = mix(_e91, uvec4(t_1.id), nearer);
                 }
             }
         }
@@ -740,13 +786,13 @@ uint choose(uint place_2) {
     return ((_e16 < uintBitsToFloat(_e18)) ? NOBODY : _e12);
 }
 
-void draw_listed(uint local_17, View v_14, Tile tile_5, vec4 x_2, float y_2) {
+void draw_listed(uint local_19, View v_14, Tile tile_5, vec4 x_2, float y_2) {
     uint place_3 = 0u;
     uint part = 0u;
     vec4 least = vec4(0.0);
-    uint k_4 = 0u;
+    uint k_5 = 0u;
     while(true) {
-        if ((local_17 == 0u)) {
+        if ((local_19 == 0u)) {
             uint _e10 = place_3;
             uint _e11 = choose(_e10);
             chosen = _e11;
@@ -766,28 +812,28 @@ void draw_listed(uint local_17, View v_14, Tile tile_5, vec4 x_2, float y_2) {
         uint _e28 = _group_1_binding_3_cs[_e13].index_count;
         uint count_3 = (_e28 / 3u);
         part = 0u;
-        bool loop_init_5 = true;
+        bool loop_init_6 = true;
         while(true) {
-            if (!loop_init_5) {
+            if (!loop_init_6) {
                 uint _e45 = part;
                 part = (_e45 + GROUP);
             }
-            loop_init_5 = false;
+            loop_init_6 = false;
             uint _e33 = part;
             if ((_e33 < count_3)) {
             } else {
                 break;
             }
             {
-                if ((local_17 == 0u)) {
+                if ((local_19 == 0u)) {
                     atomicExchange(ready_count, 0u);
                 }
                 memoryBarrierShared();
                 barrier();
                 uint _e39 = part;
-                if (((_e39 + local_17) < count_3)) {
+                if (((_e39 + local_19) < count_3)) {
                     uint _e42 = part;
-                    prepare(v_14, tile_5, ((first_4 + _e42) + local_17));
+                    prepare(v_14, tile_5, ((first_4 + _e42) + local_19));
                 }
                 memoryBarrierShared();
                 barrier();
@@ -796,29 +842,29 @@ void draw_listed(uint local_17, View v_14, Tile tile_5, vec4 x_2, float y_2) {
                 barrier();
             }
         }
-        if ((local_17 == 0u)) {
+        if ((local_19 == 0u)) {
             atomicExchange(farthest, 2130706432u);
         }
         memoryBarrierShared();
         barrier();
         vec4 _e54 = depths[0];
         least = _e54;
-        k_4 = 1u;
-        bool loop_init_6 = true;
+        k_5 = 1u;
+        bool loop_init_7 = true;
         while(true) {
-            if (!loop_init_6) {
-                uint _e68 = k_4;
-                k_4 = (_e68 + 1u);
+            if (!loop_init_7) {
+                uint _e68 = k_5;
+                k_5 = (_e68 + 1u);
             }
-            loop_init_6 = false;
-            uint _e58 = k_4;
+            loop_init_7 = false;
+            uint _e58 = k_5;
             if ((_e58 < STRIPS)) {
             } else {
                 break;
             }
             {
                 vec4 _e61 = least;
-                uint _e63 = k_4;
+                uint _e63 = k_5;
                 vec4 _e65 = depths[_e63];
                 least = min(_e61, _e65);
             }
@@ -835,37 +881,37 @@ void draw_listed(uint local_17, View v_14, Tile tile_5, vec4 x_2, float y_2) {
     return;
 }
 
-void draw(uint local_18, View v_15, Tile tile_6) {
-    uint k_5 = 0u;
+void draw(uint local_20, View v_15, Tile tile_6) {
+    uint k_6 = 0u;
     uint next_run = 0u;
     uint place_4 = 0u;
     uint n_7 = _group_1_binding_1_cs.resolution;
-    uvec2 at_1 = (tile_6.first + uvec2((4u * (local_18 % 8u)), (local_18 / 8u)));
-    vec4 x_5 = (vec4((tile_6.ends.x + float((8u * (local_18 % 8u))))) + vec4(0.0, 2.0, 4.0, 6.0));
-    float y_5 = (tile_6.ends.y + float((2u * (local_18 / 8u))));
-    bool loop_init_7 = true;
+    uvec2 at_1 = (tile_6.first + uvec2((4u * (local_20 % 8u)), (local_20 / 8u)));
+    vec4 x_5 = (vec4((tile_6.ends.x + float((8u * (local_20 % 8u))))) + vec4(0.0, 2.0, 4.0, 6.0));
+    float y_5 = (tile_6.ends.y + float((2u * (local_20 / 8u))));
+    bool loop_init_8 = true;
     while(true) {
-        if (!loop_init_7) {
-            uint _e80 = k_5;
-            k_5 = (_e80 + 1u);
+        if (!loop_init_8) {
+            uint _e80 = k_6;
+            k_6 = (_e80 + 1u);
         }
-        loop_init_7 = false;
-        uint _e40 = k_5;
+        loop_init_8 = false;
+        uint _e40 = k_6;
         if ((_e40 < STRIPS)) {
         } else {
             break;
         }
         {
-            uint _e45 = k_5;
+            uint _e45 = k_6;
             bvec4 is_beyond_1 = bvec4(bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).x || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).x, bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).y || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).y, bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).z || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).z, bvec4(((at_1.y + (8u * _e45)) >= v_15.rows)).w || greaterThanEqual((uvec4(0u, 1u, 2u, 3u) + uvec4(at_1.x)), uvec4(n_7)).w);
-            uint _e63 = k_5;
+            uint _e63 = k_6;
             depths[_e63] = mix(vec4(0.0), vec4(3e38), is_beyond_1);
-            uint _e71 = k_5;
+            uint _e71 = k_6;
             uint _e75 = _group_1_binding_1_cs.patch_count;
             ids[_e71] = uvec4((_e75 + 1u));
         }
     }
-    if ((local_18 == 0u)) {
+    if ((local_20 == 0u)) {
         atomicExchange(farthest, 0u);
     }
     while(true) {
@@ -877,14 +923,14 @@ void draw(uint local_18, View v_15, Tile tile_6) {
         }
         {
             uint _e93 = next_run;
-            uvec2 _e94 = list_runs(local_18, v_15, tile_6, _e93);
+            uvec2 _e94 = list_runs(local_20, v_15, tile_6, _e93);
             next_run = _e94.x;
             place_4 = 0u;
             while(true) {
                 uint _e98 = place_4;
-                uvec3 _e100 = list_chunks(local_18, v_15, tile_6, _e98, _e94.y);
+                uvec3 _e100 = list_chunks(local_20, v_15, tile_6, _e98, _e94.y);
                 place_4 = _e100.x;
-                draw_listed(local_18, v_15, tile_6, x_5, y_5);
+                draw_listed(local_20, v_15, tile_6, x_5, y_5);
                 if ((_e100.z == 0u)) {
                     break;
                 }
@@ -895,16 +941,16 @@ void draw(uint local_18, View v_15, Tile tile_6) {
 }
 
 void add(uint layer, uint id, uint weight) {
-    bool local_19 = false;
+    bool local_21 = false;
     uint _e6 = _group_1_binding_1_cs.patch_count;
     uint _e12 = atomicAdd(_group_1_binding_13_cs[((layer * (_e6 + 2u)) + id)], weight);
     if ((_e12 == 0u)) {
         uint _e19 = _group_1_binding_1_cs.patch_count;
-        local_19 = (id < _e19);
+        local_21 = (id < _e19);
     } else {
-        local_19 = false;
+        local_21 = false;
     }
-    bool _e22 = local_19;
+    bool _e22 = local_21;
     if (_e22) {
         uint _e26 = _group_1_binding_1_cs.word_count;
         uint _e36 = atomicOr(_group_1_binding_14_cs[((layer * _e26) + (id / 32u))], (1u << (id % 32u)));
@@ -914,33 +960,33 @@ void add(uint layer, uint id, uint weight) {
     }
 }
 
-void add_up(uint local_20, View v_16, Tile tile_7) {
-    uint k_6 = 0u;
-    bool local_21 = false;
+void add_up(uint local_22, View v_16, Tile tile_7) {
+    uint k_7 = 0u;
+    bool local_23 = false;
     uvec4 rest = uvec4(0u);
     uint i_3 = 0u;
     uint n_8 = _group_1_binding_1_cs.resolution;
-    bool loop_init_8 = true;
+    bool loop_init_9 = true;
     while(true) {
-        if (!loop_init_8) {
-            uint _e107 = k_6;
-            k_6 = (_e107 + 1u);
+        if (!loop_init_9) {
+            uint _e107 = k_7;
+            k_7 = (_e107 + 1u);
         }
-        loop_init_8 = false;
-        uint _e8 = k_6;
+        loop_init_9 = false;
+        uint _e8 = k_7;
         if ((_e8 < STRIPS)) {
         } else {
             break;
         }
         {
-            uint _e19 = k_6;
-            uvec2 at_2 = (tile_7.first + uvec2((4u * (local_20 % 8u)), ((local_20 / 8u) + (8u * _e19))));
+            uint _e19 = k_7;
+            uvec2 at_2 = (tile_7.first + uvec2((4u * (local_22 % 8u)), ((local_22 / 8u) + (8u * _e19))));
             if ((at_2.x < n_8)) {
-                local_21 = (at_2.y < v_16.rows);
+                local_23 = (at_2.y < v_16.rows);
             } else {
-                local_21 = false;
+                local_23 = false;
             }
-            bool _e32 = local_21;
+            bool _e32 = local_23;
             if (_e32) {
                 uint pixel = (((v_16.first_row + at_2.y) * n_8) + at_2.x);
                 uint _e41 = _group_1_binding_12_cs[pixel];
@@ -949,13 +995,13 @@ void add_up(uint local_20, View v_16, Tile tile_7) {
                 uint _e56 = _group_1_binding_12_cs[(pixel + 3u)];
                 rest = uvec4(_e41, _e46, _e51, _e56);
                 i_3 = 0u;
-                bool loop_init_9 = true;
+                bool loop_init_10 = true;
                 while(true) {
-                    if (!loop_init_9) {
+                    if (!loop_init_10) {
                         uint _e104 = i_3;
                         i_3 = (_e104 + 1u);
                     }
-                    loop_init_9 = false;
+                    loop_init_10 = false;
                     uint _e61 = i_3;
                     if ((_e61 < 4u)) {
                     } else {
@@ -965,15 +1011,15 @@ void add_up(uint local_20, View v_16, Tile tile_7) {
                         uint _e64 = i_3;
                         uint _e66 = rest[_e64];
                         if ((_e66 != 0u)) {
-                            uint _e70 = k_6;
+                            uint _e70 = k_7;
                             uvec4 _e72 = ids[_e70];
-                            uint _e74 = k_6;
+                            uint _e74 = k_7;
                             uint _e76 = i_3;
                             uint _e78 = ids[_e74][_e76];
                             bvec4 same = equal(_e72, uvec4(_e78));
                             uvec4 _e83 = rest;
                             uvec4 these = mix(uvec4(0u), _e83, same);
-                            uint _e87 = k_6;
+                            uint _e87 = k_7;
                             uint _e89 = i_3;
                             uint _e91 = ids[_e87][_e89];
                             add(v_16.layer, _e91, (((these.x + these.y) + these.z) + these.w));
@@ -1025,13 +1071,13 @@ void main() {
     draw(local_1, v_17, _e19);
     add_up(local_1, v_17, _e19);
     uint n_9 = _group_1_binding_1_cs.resolution;
-    bool loop_init_10 = true;
+    bool loop_init_11 = true;
     while(true) {
-        if (!loop_init_10) {
+        if (!loop_init_11) {
             uint _e98 = k;
             k = (_e98 + 1u);
         }
-        loop_init_10 = false;
+        loop_init_11 = false;
         uint _e25 = k;
         if ((_e25 < STRIPS)) {
         } else {
@@ -1049,13 +1095,13 @@ void main() {
             if (_e49) {
                 uint row_1 = (v_17.first_row + at_3.y);
                 i = 0u;
-                bool loop_init_11 = true;
+                bool loop_init_12 = true;
                 while(true) {
-                    if (!loop_init_11) {
+                    if (!loop_init_12) {
                         uint _e95 = i;
                         i = (_e95 + 1u);
                     }
-                    loop_init_11 = false;
+                    loop_init_12 = false;
                     uint _e55 = i;
                     if ((_e55 < 4u)) {
                     } else {

@@ -64,9 +64,9 @@ impl Chunk {
     }
 }
 
-/// Joins neighbouring chunks to runs, for what walks through them level by level. A run's `first_index` is the number
+/// Joins neighbouring chunks to runs of chunks, which tiles look through first. A run's `first_index` is the number
 /// of its first chunk, its `index_count` that of its chunks.
-pub fn runs_of(chunks: &[Chunk]) -> Vec<Chunk> {
+pub fn runs_of_chunks(chunks: &[Chunk]) -> Vec<Chunk> {
     let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     let runs = chunks.chunks(OF_A_RUN).enumerate();
     runs.map(|(run, members)| {

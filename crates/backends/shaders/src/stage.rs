@@ -194,7 +194,7 @@ pub mod binding {
     pub const SETTINGS: u32 = 1;
     /// Storage: the views of all slots, five each.
     pub const VIEWS: u32 = 2;
-    /// Storage: [`crate::Upload::chunks`].
+    /// Storage: [`crate::Upload::chunks`], and runs of them.
     pub const CHUNKS: u32 = 3;
     /// Texture: depths, an array of layers.
     pub const DEPTHS: u32 = 4;

@@ -179,7 +179,7 @@ impl Upload {
 
     /// The words of [`Upload::chunks`], and of their runs.
     pub fn chunk_words(&self) -> Vec<u32> {
-        let runs = chunks::runs_of(&self.chunks);
+        let runs = chunks::runs_of_chunks(&self.chunks);
         self.chunks.iter().chain(&runs).flat_map(Chunk::words).collect()
     }
 }

@@ -68,7 +68,7 @@ struct Vertex {
     unused: f32,
 }
 
-// A run of triangles and its box: src/chunks.rs.
+// A run of triangles and its box, or a run of chunks, where first_index and index_count number chunks: src/chunks.rs.
 struct Chunk {
     center_high: vec3<f32>,
     first_index: u32,

@@ -154,7 +154,7 @@ fn list_runs(local: u32, v: View, tile: Tile, from_number: u32) -> vec2<u32> {
     return vec2<u32>(first, count);
 }
 
-// Returns whether the run at a place of `runs` sorted ones may still be seen: then no one after it is nearer.
+// Returns whether the run at a place of `runs` sorted ones may still be seen. If not, none after it is.
 fn may_be_seen(place: u32, runs: u32) -> bool {
     return place < runs && bounds[sorted[place]] >= bitcast<f32>(atomicLoad(&farthest));
 }
@@ -192,6 +192,18 @@ fn list_chunks(local: u32, v: View, tile: Tile, from_place: u32, runs: u32) -> v
     return vec3<u32>(place, now);
 }
 
+// Returns whether a side points at the eye but for 1/30: its plane is then less certain than a pixel.
+fn points_at_the_eye(t: Outline) -> bool {
+    var found = false;
+    for (var k = 0u; k < 3u; k++) {
+        let p = t.corners[k];
+        let q = t.corners[(k + 1u) % 3u];
+        let most = 1e-3 * dot(p + q, p + q) * dot(q - p, q - p);
+        found = found || dot(t.sides[k], t.sides[k]) <= most;
+    }
+    return found;
+}
+
 // Prepares a triangle, if it may be seen in the tile.
 fn prepare(v: View, tile: Tile, number: u32) {
     let n = f32(settings.resolution);
@@ -224,7 +236,7 @@ fn prepare(v: View, tile: Tile, number: u32) {
     found.low = -NEAREST;
     found.high = NEAREST;
     let shallowest = min(min(p.z, q.z), r.z);
-    if (shallowest > 0.0) {
+    if (shallowest > 0.0 && !points_at_the_eye(t)) {
         // Sides are those of the corners but for rounding, and for heights put into the emitter's plane.
         let margin = n * (8e-6 * (extent.x + extent.y + extent.z) + v.tolerance) / shallowest;
         let a_on = p.xy * (n / p.z);

@@ -452,9 +452,13 @@ impl Loaded {
     }
 
     fn items(&mut self, hemicube: &Hemicube) -> Result<Items, BackendError> {
-        self.submit(0, std::slice::from_ref(hemicube), Goal::Items)?;
-        self.wait(0)?;
-        self.under_way[0] = None;
+        // Tiles keep no item buffer unless it is asked for. Rows clear what culling counted.
+        let goal = match self.scene.plan.draw {
+            Draw::Compute => Goal::Items,
+            Draw::Raster => Goal::Rows,
+        };
+        self.submit(0, std::slice::from_ref(hemicube), goal)?;
+        self.finish(0, &mut RowBlock::default())?;
         self.read_items()
     }
 

@@ -6,6 +6,7 @@ use hemicube::{HierarchyOptions, Model};
 use hemicube_contract::backend::{Culling, RenderSettings, Surface};
 use hemicube_scene::generate::{BlockCityParameters, Generate, Kind, generate};
 use hemicube_scene::{InputPatch, Patches, Scene, Subdivision, Triangle};
+use hemicube_shaders::chunks::{OF_A_RUN, runs_of_chunks};
 use hemicube_shaders::limits::TILES_ASK;
 use hemicube_shaders::view::near;
 use hemicube_shaders::{Draw, Edges, Limits, OfStage, Plan, Upload};
@@ -130,6 +131,26 @@ fn chunks_hold_their_triangles_and_are_all_there_is() {
             assert_eq!(next as usize, upload.indices.len());
         }
     }
+}
+
+#[test]
+fn runs_hold_every_chunk_once_and_as_many_as_tiles_look_through() {
+    let upload = Upload::with_chunks_of(made(Kind::City).geometry(), 16).expect("it fits");
+    let runs = runs_of_chunks(&upload.chunks);
+    assert!(runs.len() > 2, "{} runs", runs.len());
+    let mut next = 0;
+    for run in &runs {
+        assert_eq!(run.first_index, next);
+        assert!((1..=OF_A_RUN).contains(&(run.index_count as usize)));
+        next += run.index_count;
+        for chunk in &upload.chunks[run.first_index as usize..next as usize] {
+            let off = (chunk.center - run.center).abs() + chunk.half_sides;
+            assert!(off.cmple(run.half_sides + 1e-12).all(), "outside of its run's box");
+        }
+    }
+    assert_eq!(next as usize, upload.chunks.len());
+    let shader = include_str!("../../wgsl/tiles.wgsl");
+    assert!(shader.contains(&format!("const OF_A_RUN: u32 = {OF_A_RUN}u;")));
 }
 
 #[test]

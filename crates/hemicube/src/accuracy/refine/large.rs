@@ -21,9 +21,10 @@ pub(super) const UNMEASURED: f64 = 1.0 / 12.0;
 /// Steps of one ray down the tree, about.
 const STEPS_A_RAY: f64 = 600.0;
 
-/// The unoccluded form factor from which on pairs matter to the row: a part of Σ F² / Σ F over the seen pairs. Not a
-/// part of the row's permitted error, as in other rows: what lies below it is small by itself and much together, so that
-/// the ground of a city was 28 % off (`promises::large_patches`).
+/// The unoccluded form factor from which on pairs matter to the row: a part of Σ F² / Σ F over the seen pairs.
+///
+/// Other rows take a part of the permitted error. Pairs below that are each small and together much: the ground of a
+/// city was 28 % off (`promises::large_patches`).
 pub(super) fn least_factor(unoccluded: impl Iterator<Item = f64>) -> f64 {
     let (sum, squares) = unoccluded.fold((0.0, 0.0), |(sum, squares), factor| {
         (sum + factor, squares + factor * factor)

@@ -11,8 +11,9 @@ use crate::bvh::Tree;
 use crate::visibility::candidates::Least;
 
 /// First bound on the form factor of a missing pair, in parts of what the row lacks, each bound's part of the one before,
-/// and the rest at which the search ends; of large patches, in parts of the mean form factor. A choice: with a quarter, a row of a flat cavity is off by 1.01 T at 0.1 %
-/// (`light::rows_of_a_flat_cavity…`); with less, candidates are listed more often.
+/// and the rest at which the search ends. Large patches take the same part of Σ F² / Σ F. A choice: with a quarter, a row
+/// of a flat cavity is off by 1.01 T at 0.1 % (`light::rows_of_a_flat_cavity…`); with less, candidates are listed more
+/// often.
 pub(super) const NEXT: f64 = 1.0 / 8.0;
 /// Steps of listing a candidate and of its unoccluded form factor, about.
 const STEPS_A_CANDIDATE: u64 = 300;
