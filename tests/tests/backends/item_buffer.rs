@@ -88,11 +88,19 @@ fn cornell_box() {
 
 #[test]
 fn generated_scenes() {
-    for kind in [Kind::City, Kind::BlockCity, Kind::Maze, Kind::Spheres, Kind::Field] {
+    for kind in [Kind::City, Kind::Maze] {
         holds(kind.name(), &generated(kind, 3000), 1e-6, 0.0);
     }
     // Its triangles cut one another: along a cut two are at one depth.
     holds("soup", &generated(Kind::Soup, 3000), 1e-5, 1e-5);
+}
+
+#[test]
+#[ignore = "more scenes of the same promise: ./test --full"]
+fn more_generated_scenes() {
+    for kind in [Kind::BlockCity, Kind::Spheres, Kind::Field] {
+        holds(kind.name(), &generated(kind, 3000), 1e-6, 0.0);
+    }
 }
 
 #[test]

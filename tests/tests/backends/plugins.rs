@@ -323,7 +323,10 @@ fn text(bytes: &[u8]) -> String {
 fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_batches() {
     let place = tempfile::tempdir().expect("a temporary directory");
     let here = |line: &str| run(place.path(), &program(), line);
-    assert!(here("generate room --patches 160 -o room.obj").status.success());
+    for (name, patches) in [("room", 160), ("small", 40)] {
+        let line = format!("generate room --patches {patches} -o {name}.obj");
+        assert!(here(&line).status.success());
+    }
     let plugin = rust("rust-minimal");
     let compute = |out: &str, how: &str| {
         let plugin = plugin.display();
@@ -345,7 +348,7 @@ fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_ba
 
     // Corrected, it is as accurate as the built-in backend: the host counts what it does not.
     let error = |backend: &str| {
-        let line = format!("compute room.obj -o area --overwrite --backend {backend} --verify 40 --json");
+        let line = format!("compute small.obj -o area --overwrite --backend {backend} --verify 8 --json");
         let output = here(&line);
         assert!(output.status.success(), "{}", text(&output.stderr));
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a report");

@@ -77,7 +77,15 @@ fn open_room() {
 
 #[test]
 fn generated_scenes() {
-    for kind in [Kind::City, Kind::Maze, Kind::Spheres, Kind::Field, Kind::Soup] {
+    for kind in [Kind::City, Kind::Soup] {
+        holds(kind.name(), &generated(kind, 3000));
+    }
+}
+
+#[test]
+#[ignore = "more scenes of the same promise: ./test --full"]
+fn more_generated_scenes() {
+    for kind in [Kind::Maze, Kind::Spheres, Kind::Field] {
         holds(kind.name(), &generated(kind, 3000));
     }
 }

@@ -354,16 +354,26 @@ fn rows_cut_short_by_their_bound_add_up() {
         text.push_str("f -3 -2 -1\n");
     }
     std::fs::write(place.path("slivers.obj"), text).expect("written");
-    place.line("compute slivers.obj -o m --rows 4 --two-sided on --quiet");
+    place.line("compute slivers.obj -o m --rows 1 --two-sided on --quiet");
     let store = Store::open(&place.path("m")).expect("a store");
     let [most, ..] = off_one(&store);
     assert!(most <= 0.02, "{most}");
 }
 
-/// Two layers of crossed strips, 10⁻⁴ apart, in a closed room. By default sums of these rows were 1.10 to 1.14: their
-/// standard errors are too small, and fractions moved by three of them at most.
 #[test]
 fn rows_done_again_because_their_sums_are_off_add_up() {
+    strips_add_up(&[404]);
+}
+
+#[test]
+#[ignore = "more rows of the same scene: ./test --full"]
+fn more_rows_done_again_add_up() {
+    strips_add_up(&[381, 789]);
+}
+
+/// Two layers of crossed strips, 10⁻⁴ apart, in a closed room. By default sums of these rows were 1.10 to 1.14: their
+/// standard errors are too small, and fractions moved by three of them at most.
+fn strips_add_up(rows: &[usize]) {
     let place = Place::new();
     let corners = |axis: usize, at: f64, [u, v]: [[f64; 2]; 2]| -> [[f64; 3]; 4] {
         [[u[0], v[0]], [u[1], v[0]], [u[1], v[1]], [u[0], v[1]]].map(|[a, b]| match axis {
@@ -388,7 +398,7 @@ fn rows_done_again_because_their_sums_are_off_add_up() {
         }
     }
     std::fs::write(place.path("strips.obj"), obj(&quads)).expect("written");
-    for row in [381, 404, 789] {
+    for row in rows {
         place.line(&format!(
             "compute strips.obj -o m --rows {row}..{} --quiet --overwrite",
             row + 1

@@ -266,13 +266,24 @@ fn furnished() -> String {
 
 #[test]
 fn a_tolerance_holds_against_rays_and_a_coarse_hemicube_misses_it() {
+    holds_against_rays(&["sphere", "person"]);
+}
+
+#[test]
+#[ignore = "other sensors by the same hemicubes: ./test --full"]
+fn a_tolerance_holds_for_cylinders_and_cubes() {
+    holds_against_rays(&["cylinder", "cube"]);
+}
+
+/// Sensors of these forms keep a tolerance, a coarse hemicube misses it, and one that cannot be kept is said not to be.
+fn holds_against_rays(bodies: &[&str]) {
     let place = Place::new();
     place.write("room.obj", furnished());
     place.write(
         "seats.txt",
         "1.0 0.5 1.1\n3.1 2.4 1.1\n5.2 4.4 0.3\n4.7 1.9 2.7\n2.6 0.4 0.4\n",
     );
-    for body in ["sphere", "person", "cylinder", "cube"] {
+    for body in bodies {
         let line = format!("points room.obj --points seats.txt --as {body} --up z --split 2 --verify 5 --json");
         let fine = place.line(&format!("{line} --tolerance 0.2%")).is(0).json();
         let coarse = place.line(&format!("{line} --resolution 16")).is(0).json();

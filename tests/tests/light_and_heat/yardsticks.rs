@@ -262,8 +262,19 @@ fn transmission(ratio: u32, facets: u32, rings: u32) -> f64 {
 /// off (Richardson 1911).
 #[test]
 fn clausings_tubes() {
+    hold_tubes(&[(1, 6, 0.671_984), (2, 8, 0.514_231)]);
+}
+
+#[test]
+#[ignore = "1,800 patches that see each other: ./test --full"]
+fn clausings_longest_tube() {
+    hold_tubes(&[(5, 14, 0.310_525)]);
+}
+
+/// Tubes by L/R, with their rings of patches and Clausing's value.
+fn hold_tubes(tubes: &[(u32, u32, f64)]) {
     let mut tally = Tally::default();
-    for (ratio, rings, exact) in [(1, 6, 0.671_984), (2, 8, 0.514_231), (5, 14, 0.310_525)] {
+    for &(ratio, rings, exact) in tubes {
         let [coarse, fine] = [1, 2].map(|finer| transmission(ratio, 16 * finer, rings * finer));
         let found = (4.0 * fine - coarse) / 3.0;
         say(&format!(

@@ -1109,7 +1109,7 @@ fn interrupt(child: &std::process::Child) {
 #[test]
 fn an_interrupt_keeps_what_was_computed() {
     let place = Place::new();
-    place.line("generate city --patches 60000 -o city.obj").is(0);
+    place.line("generate city --patches 20000 -o city.obj").is(0);
     let spawn = |line: &str| {
         place
             .command()
@@ -1171,12 +1171,12 @@ fn real_scenes_from_start_to_end() {
     let place = Place::new();
     if let Some(scene) = shared_scene("cornell/cornell-measured-closed-20q.obj") {
         let scene = scene.to_str().expect("UTF-8");
-        let line = ["compute", scene, "--split", "16", "-o", "room", "--json"];
+        let line = ["compute", scene, "--split", "8", "-o", "room", "--json"];
         let report = place.run(line).is(0).json();
-        assert_eq!(report["rows"], 10_240);
+        assert_eq!(report["rows"], 2_560);
         assert_eq!(report["escaped"], 0.0, "the room is closed");
         // Those whose middles lie under the blocks.
-        assert_eq!(report["rows_mostly_blocked"], 92, "the patches under the blocks");
+        assert_eq!(report["rows_mostly_blocked"], 23, "the patches under the blocks");
         place.line("check room").is(0);
     }
     if let Some(scene) = shared_scene("city/denhaag-8897.obj") {

@@ -151,13 +151,22 @@ fn two_hundred_kills_end_in_the_same_store() {
 /// Settings under which what a run settles, leaves out and rounds must be settled, left out and rounded again.
 #[test]
 fn every_kind_of_run_goes_on() {
-    let place = city(6_000);
-    for settings in [
-        "--tolerance 2%",
+    goes_on(&[
         "--min-factor 1e-5 --form compact",
         "--rows 100..3000 --correction pixel --samples 4 --resolution 32",
-        "--rows 30% --tolerance 1%",
-    ] {
+    ]);
+}
+
+#[test]
+#[ignore = "half a minute of whole matrices: ./test --full"]
+fn runs_to_a_tolerance_go_on() {
+    goes_on(&["--tolerance 2%", "--rows 30% --tolerance 1%"]);
+}
+
+/// Kills a run of each of these settings, and holds what goes on to the bytes of one that nothing stopped.
+fn goes_on(settings: &[&str]) {
+    let place = city(6_000);
+    for settings in settings {
         let compute = format!("compute city.obj -q {settings}");
         place.line(&format!("{compute} -o whole --overwrite")).is(0);
         let child = place.spawn(place.command(&format!("{compute} -o m")));

@@ -42,16 +42,14 @@ fn run(model: &Model, plan: &Plan, threads: usize, batch: usize) -> (Vec<Part>, 
 fn same(model: &Model, plan: &Plan) -> (Vec<Part>, Summary) {
     let (first, summary) = run(model, plan, 1, 1);
     assert_eq!(first.iter().map(|p| p.rows.len()).sum::<usize>(), plan.rows.len());
-    for threads in [1, 2, 7] {
-        for batch in [0, 1, 5, 64] {
-            let (parts, other) = run(model, plan, threads, batch);
-            assert!(parts == first, "{threads} threads, batches of {batch}");
-            assert_eq!(
-                other.counters, summary.counters,
-                "{threads} threads, batches of {batch}"
-            );
-            assert_eq!((other.sums, other.entries), (summary.sums, summary.entries));
-        }
+    for (threads, batch) in [(1, 0), (1, 64), (2, 1), (2, 5), (7, 0), (7, 64)] {
+        let (parts, other) = run(model, plan, threads, batch);
+        assert!(parts == first, "{threads} threads, batches of {batch}");
+        assert_eq!(
+            other.counters, summary.counters,
+            "{threads} threads, batches of {batch}"
+        );
+        assert_eq!((other.sums, other.entries), (summary.sums, summary.entries));
     }
     (first, summary)
 }

@@ -179,9 +179,17 @@ fn cases(large: bool) -> Vec<Case> {
 
 /// Processor time is counted in ticks of up to 4 ms: what is measured takes at least so many seconds.
 const LEAST_SECONDS: f64 = 0.2;
+/// Turns of each of two backends.
+const TURNS: usize = 5;
+
+/// Under `--test` every bench runs once, to see that it still does.
+fn is_test() -> bool {
+    std::env::args().any(|argument| argument == "--test")
+}
 
 /// Best seconds of each of two backends over the same hemicubes, measured in turns.
 fn in_turns(a: &mut CpuBackend, b: &mut CpuBackend, hemicubes: &[Hemicube]) -> (f64, f64) {
+    let (turns, least) = if is_test() { (1, 0.0) } else { (TURNS, LEAST_SECONDS) };
     let mut rows = RowBlock::default();
     let mut time = |backend: &mut CpuBackend| {
         let start = thread_seconds();
@@ -191,13 +199,13 @@ fn in_turns(a: &mut CpuBackend, b: &mut CpuBackend, hemicubes: &[Hemicube]) -> (
             backend.rows(hemicubes, &mut rows).expect("rows");
             times += 1.0;
             let seconds = thread_seconds() - start;
-            if seconds >= LEAST_SECONDS {
+            if seconds >= least {
                 return seconds / times;
             }
         }
     };
     let mut best = (f64::INFINITY, f64::INFINITY);
-    for _ in 0..5 {
+    for _ in 0..turns {
         best.0 = best.0.min(time(a));
         best.1 = best.1.min(time(b));
     }
@@ -385,9 +393,7 @@ fn print_ratios(cases: &[Case]) {
 
 fn rate(c: &mut Criterion) {
     let small = std::env::var("HEMICUBE_BENCH").is_ok_and(|v| v == "small");
-    // Under `--test` every bench runs once, to see that it still does.
-    let test = std::env::args().any(|a| a == "--test");
-    let cases = if test {
+    let cases = if is_test() {
         vec![Case::new("room-640", cornell_box(), Subdivision::Levels(2), 16)]
     } else {
         cases(!small)
