@@ -38,9 +38,10 @@
 //! form factors are small; the larger one of each pair is in the other row.
 //!
 //! Non-visible shares are refined with the row (`store::shares`): by the residual of its sum, or, with backs or
-//! unselected patches in view, by 256 to 16,384 rays from all over the patch (`ray_shares`). These rays also find rows
+//! unselected patches in view, by 256 to 131,072 rays from all over the patch (`ray_shares`). These rays also find rows
 //! of centroids in a solid, which get up to sixteen hemicubes, and patches in view that a row lacks.
 
+pub(crate) mod closing;
 pub mod correct;
 pub mod error_model;
 pub mod fit;

@@ -9,11 +9,11 @@
 //! that part of the emitter in the whole.
 
 use crate::Model;
+use crate::accuracy::closing::Lacking;
 pub use crate::accuracy::error_model::PriorVariances;
 use crate::accuracy::grain::Grain;
 use crate::accuracy::ray_shares::{self, NONE_MET, RayShares};
 pub use crate::accuracy::refine::Refinement;
-use crate::accuracy::refine::sums::Lacking;
 use crate::accuracy::refine::{Pair, Refined, Refiner, insert, sees, sum_of};
 use crate::accuracy::row::Emitter;
 use crate::backend::{Hemicube, WHOLE};

@@ -360,6 +360,16 @@ impl<'e> Casts<'e> {
         (self.each(found) * ray_shares::error(share * (1.0 - share), self.count)).powi(2)
     }
 
+    /// The variance of a share that rays of the same weight met; 0 where none did.
+    pub(super) fn variance_of_share(&self, share: f64) -> f64 {
+        let share = share.min(1.0);
+        if share > 0.0 {
+            ray_shares::error(share * (1.0 - share), self.count).powi(2)
+        } else {
+            0.0
+        }
+    }
+
     /// The variance of all pairs that are not measured: those past the `most` first, and those of fewer than `least`
     /// hits.
     pub(super) fn rest(&self, entries: &[((MotionId, u32), Found)], most: usize, least: f64) -> f64 {

@@ -22,6 +22,7 @@ use super::specular::Laws;
 use super::trace::{Surfaces, Tracer};
 use super::{Images, Optics, Portals};
 use crate::Model;
+use crate::accuracy::closing::{Lacking, Uncertain, project};
 use crate::accuracy::correct::Correction;
 use crate::accuracy::row::Emitter;
 use crate::backend::{BackendError, Hemicube, HemicubeBackend, WHOLE};
@@ -57,8 +58,6 @@ const PAIRS: usize = 1024;
 const SEGMENTS: (usize, usize) = (64, 1 << 18);
 /// Pairs looked at for one that is measured. A choice.
 const LOOKS: usize = 4;
-/// By how much at most what rays know is scaled to the row's sum. A choice.
-const SCALE_MAX: f64 = 1.5;
 /// Part of a tolerance for what comes through portals. A choice.
 const PART: f64 = 0.5;
 
@@ -78,7 +77,8 @@ struct Brought {
     /// Escaped, blocked, unselected, cut off.
     lost: [f64; 4],
     passed: f64,
-    squared_error: f64,
+    /// Expected squared errors of the entries together, of their sum and of *escaped*.
+    variances: [f64; 3],
 }
 
 /// A pair that rays found.
@@ -286,7 +286,7 @@ impl<'a> Extender<'a> {
                 .collect(),
             lost: [ledger.escaped, ledger.blocked, ledger.unselected, ledger.cut_off].map(|lost| lost as f64 / whole),
             passed: (ledger.sent + passed) as f64 / whole,
-            squared_error: 0.0,
+            variances: [0.0; 3],
         }
     }
 
@@ -345,10 +345,14 @@ impl<'a> Extender<'a> {
             cut_off,
             ..
         } = self.ledger;
-        let mut lost = [escaped, blocked, unselected, cut_off].map(|lost| casts.share(lost) * scale);
+        let lost = [escaped, blocked, unselected].map(|lost| {
+            let lost = casts.share(lost);
+            (lost * scale, casts.variance_of_share(lost) * scale * scale)
+        });
+        let mut cut_off = casts.share(cut_off) * scale;
         if self.ledger.sent == 0 {
             // No ray found a portal that the row sees.
-            lost[3] += sent;
+            cut_off += sent;
         }
         let most = if is_by_rays { 0 } else { PAIRS };
         let limits = Limits {
@@ -359,7 +363,7 @@ impl<'a> Extender<'a> {
         // A segment is followed to its end.
         self.tracer.legs_max = u64::MAX;
         let known = self.measure(&casts, limits, rule, scale);
-        balanced(sent, &known, lost)
+        closed(sent, &known, lost, cut_off)
     }
 
     /// Arrivals at each patch under each motion: by segments and closed forms for the largest, by rays otherwise.
@@ -385,7 +389,6 @@ impl<'a> Extender<'a> {
                 factor: casts.share(found.weight) * scale,
                 handed_on: found.passed as f64 / found.weight.max(1) as f64,
                 variance: casts.variance(&found),
-                is_by_rays: true,
             };
             let is_left = measured < most && place < looks && self.tracer.legs < until;
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
@@ -462,10 +465,14 @@ impl<'a> Extender<'a> {
         row.shares.escaped += by_sky;
         row.shares.blocked += by_backs;
         row.shares.unselected += by_others + cut;
-        // An error that is not known stays NaN. Errors of entries are taken to be independent, in sums as in the norm.
-        #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-        let with_brought = |error: f32| (f64::from(error).powi(2) + brought.squared_error).sqrt() as f32;
-        row.errors = RowErrors::from_array(row.errors.to_array().map(with_brought));
+        // An error that is not known stays NaN.
+        let mut errors = row.errors.to_array();
+        for (error, variance) in errors.iter_mut().zip(brought.variances) {
+            #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
+            let with_brought = (f64::from(*error).powi(2) + variance).sqrt() as f32;
+            *error = with_brought;
+        }
+        row.errors = RowErrors::from_array(errors);
     }
 
     /// Writes the row with the columns of images added into the cell's.
@@ -605,10 +612,14 @@ struct Known {
     /// The part of it handed on.
     handed_on: f64,
     variance: f64,
-    is_by_rays: bool,
 }
 
 impl Known {
+    /// The part of it that stays.
+    fn kept(&self) -> f64 {
+        (1.0 - self.handed_on).max(0.0)
+    }
+
     /// Takes a share measured by segments, if it says more than rays do. It is a pair that rays found: of P = 1 −
     /// e^(−n) of such pairs, with n hits expected. Each stands for 1 / P of them (Horvitz & Thompson 1952), or what
     /// rays happen to miss would be lost, and what they know alone would be scaled up for it.
@@ -625,33 +636,119 @@ impl Known {
         self.factor = factor / is_found;
         self.handed_on = share.passed;
         self.variance = error * error + factor * factor * (1.0 - is_found) / is_found;
-        self.is_by_rays = false;
     }
 }
 
-/// Scales the part known by rays so that kept, lost and cut off sum to `sent`.
-fn balanced(sent: f64, known: &[Known], mut lost: [f64; 4]) -> Brought {
-    let kept = |is_by_rays: bool| -> f64 {
-        let of = known.iter().filter(|entry| entry.is_by_rays == is_by_rays);
-        of.map(|entry| entry.factor * (1.0 - entry.handed_on)).sum()
-    };
-    let uncertain = kept(true) + lost[..3].iter().sum::<f64>();
-    let scale = if uncertain > 0.0 {
-        ((sent - kept(false) - lost[3]) / uncertain).clamp(1.0 / SCALE_MAX, SCALE_MAX)
+/// Closes what a row's portals hand on: kept, lost and cut off are `sent` together, as what a row sees directly is 1.
+/// `lost` are escaped, blocked and unselected with their variances.
+///
+/// A share of the variance v is known to v (1 − v / V) afterwards, V = Σ v, and so is a sum of shares. Where they lack
+/// more than √V, they err together, and V is the square of what they lack. What portals hand on further is not kept: it
+/// counts once for each time.
+fn closed(sent: f64, known: &[Known], lost: [(f64, f64); 3], cut_off: f64) -> Brought {
+    let of_known = |entry: &Known| (entry.factor * entry.kept(), entry.variance * entry.kept().powi(2));
+    let all = || known.iter().map(of_known).chain(lost);
+    let sum = sent - cut_off - all().map(|(value, _)| value).sum::<f64>();
+    let shares = all().map(|(value, variance)| Uncertain {
+        value,
+        ceiling: value + sum.abs(),
+        variance,
+    });
+    let mut shares: Vec<Uncertain> = shares.collect();
+    project(&mut shares, Lacking { sum, error: 0.0 }, f64::INFINITY);
+    let variance: f64 = shares.iter().map(|share| share.variance).sum();
+    let together = if variance > 0.0 {
+        (sum * sum / variance).max(1.0)
     } else {
         1.0
     };
-    lost[..3].iter_mut().for_each(|lost| *lost *= scale);
+    let left = |own: f64| together * own * (1.0 - own / variance.max(f64::MIN_POSITIVE));
+    let (kept, lost) = shares.split_at(known.len());
     let mut brought = Brought {
-        lost,
+        lost: [lost[0].value, lost[1].value, lost[2].value, cut_off],
         passed: sent,
         ..Brought::default()
     };
-    for entry in known {
-        let factor = entry.factor * if entry.is_by_rays { scale } else { 1.0 };
+    brought.variances[1] = left(kept.iter().map(|share| share.variance).sum());
+    brought.variances[2] = left(lost[0].variance);
+    for (entry, kept) in known.iter().zip(kept) {
+        let factor = if entry.kept() > 0.0 {
+            kept.value / entry.kept()
+        } else {
+            entry.factor
+        };
         brought.passed += factor * entry.handed_on;
-        brought.squared_error += entry.variance;
+        let further = entry.variance - kept.variance;
+        brought.variances[0] += left(kept.variance) + further;
+        brought.variances[1] += further;
         brought.factors.push((entry.patch, factor));
     }
     brought
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn known(factor: f64, handed_on: f64, error: f64) -> Known {
+        Known {
+            patch: 0,
+            factor,
+            handed_on,
+            variance: error * error,
+        }
+    }
+
+    fn kept_and_lost(brought: &Brought, known: &[Known]) -> f64 {
+        let factors = brought.factors.iter().zip(known);
+        let kept: f64 = factors.map(|(&(_, factor), entry)| factor * entry.kept()).sum();
+        kept + brought.lost.iter().sum::<f64>()
+    }
+
+    #[test]
+    fn what_portals_hand_on_is_kept_lost_or_cut_off() {
+        let known = [
+            known(0.2, 0.0, 0.01),
+            known(0.1, 0.5, 0.02),
+            known(0.3, 1.0, 0.01),
+            known(0.1, 0.0, 0.0),
+        ];
+        for sent in [0.2, 0.47, 0.5, 0.9] {
+            let brought = closed(sent, &known, [(0.1, 1e-4), (0.0, 0.0), (0.01, 1e-6)], 0.02);
+            assert!(
+                (kept_and_lost(&brought, &known) - sent).abs() < 1e-9,
+                "{sent}: {brought:?}"
+            );
+            assert_eq!(brought.lost[1], 0.0, "nothing stays nothing");
+            assert_eq!(
+                (brought.factors[2].1, brought.factors[3].1),
+                (0.3, 0.1),
+                "what is exact or hands on all"
+            );
+        }
+    }
+
+    #[test]
+    fn what_lacks_more_than_its_errors_says_that_they_are_larger() {
+        let known = [known(0.2, 0.0, 1e-3), known(0.1, 0.0, 1e-3)];
+        let error = |sent: f64| closed(sent, &known, [(0.1, 1e-6), (0.0, 0.0), (0.0, 0.0)], 0.0).variances[0].sqrt();
+        let usual = error(0.4);
+        assert!((usual - 1e-3 * (4.0f64 / 3.0).sqrt()).abs() < 1e-9, "{usual}");
+        assert_eq!(error(0.401), usual, "within their errors");
+        assert!(
+            (error(0.41) / usual - 0.01 / 3e-6f64.sqrt()).abs() < 1e-6,
+            "{}",
+            error(0.41)
+        );
+    }
+
+    #[test]
+    fn what_nothing_is_lost_of_is_known_in_sum() {
+        let known = [known(0.2, 0.0, 1e-3), known(0.1, 0.0, 1e-3)];
+        let brought = closed(0.3, &known, [(0.0, 0.0); 3], 0.0);
+        assert!(
+            brought.variances[0] > 0.0 && brought.variances[1].abs() < 1e-15,
+            "{brought:?}"
+        );
+    }
 }

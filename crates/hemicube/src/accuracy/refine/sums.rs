@@ -6,6 +6,7 @@
 //! variances: F + μ · variance for all pairs of the row, with one μ. Exact measurements stay.
 
 use super::{Allowance, Pair, Refined, Refiner, steps_beside};
+use crate::accuracy::closing::{Lacking, Uncertain, project};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::visibility::candidates::Least;
@@ -22,81 +23,6 @@ const STEPS_A_CANDIDATE: u64 = 300;
 /// cost more.
 const BATCH: usize = 64;
 const LEAST_GAIN: f64 = 0.02;
-/// Halvings by which μ is found.
-const HALVINGS: usize = 100;
-
-/// Difference of a row's sum from what it is known to be.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Lacking {
-    /// Negative if the row has too much.
-    pub(crate) sum: f64,
-    /// Standard error of `sum`.
-    pub(crate) error: f64,
-}
-
-/// A form factor that may be off.
-#[derive(Clone, Copy, Debug)]
-struct Uncertain {
-    factor: f64,
-    unoccluded: f64,
-    variance: f64,
-}
-
-impl Uncertain {
-    /// The form factor moved by so many of its variances, by `most` standard errors and from 0 to the unoccluded one.
-    fn moved(self, by: f64, most: f64) -> f64 {
-        if self.variance <= 0.0 {
-            return self.factor;
-        }
-        let most = most * self.variance.sqrt();
-        (self.factor + (by * self.variance).clamp(-most, most)).clamp(0.0, self.ceiling())
-    }
-
-    fn ceiling(self) -> f64 {
-        self.unoccluded.max(self.factor)
-    }
-}
-
-/// Moves all form factors by the same number μ of their variances, so that their sum changes by its expectation
-/// `lacking.sum` · V / (V + e²), V = Σ variance and e = `lacking.error`: the most probable row of that sum.
-///
-/// Errors of one row may have one cause, a centroid that stands badly for its patch. The most likely factor on V, at
-/// least 1, is what the sum lacks less what noise explains, over V. None moves by more than `most` standard errors.
-fn project(factors: &mut [Uncertain], lacking: Lacking, most: f64) {
-    let own: f64 = factors.iter().map(|factor| factor.variance).sum();
-    if own <= 0.0 {
-        return;
-    }
-    let noise = lacking.error * lacking.error;
-    let own_or_more = own.max(lacking.sum * lacking.sum - noise);
-    let wanted = lacking.sum * own_or_more / (own_or_more + noise);
-    let gained = |by: f64| -> f64 {
-        factors
-            .iter()
-            .map(|factor| factor.moved(by, most) - factor.factor)
-            .sum()
-    };
-    // Beyond this, all are at their bounds.
-    let end = factors
-        .iter()
-        .filter(|factor| factor.variance > 0.0)
-        .map(|factor| (most / factor.variance.sqrt()).min(factor.ceiling() / factor.variance))
-        .fold(0.0, f64::max);
-    let (mut low, mut high) = if wanted < 0.0 { (-end, 0.0) } else { (0.0, end) };
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if gained(middle) < wanted {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    let by = 0.5 * (low + high);
-    for factor in factors {
-        factor.factor = factor.moved(by, most);
-    }
-}
-
 impl Refiner<'_> {
     /// Looks for pairs of a row whose sum lacks `lacking`; `is_known` tells the patches in it. Afterwards they are in
     /// `self.unseen`, ascending.
@@ -207,75 +133,16 @@ impl Refiner<'_> {
     pub(crate) fn move_fractions(&mut self, row: &mut [Pair], lacking: Lacking, most: f64) {
         self.sort_measured();
         let uncertain = row.iter().map(|pair| Uncertain {
-            factor: pair.factor(),
-            unoccluded: pair.unoccluded,
+            value: pair.factor(),
+            ceiling: pair.unoccluded.max(pair.factor()),
             variance: self.variance_of(pair),
         });
         let mut factors: Vec<Uncertain> = uncertain.collect();
         project(&mut factors, lacking, most);
         for (pair, factor) in row.iter_mut().zip(factors) {
-            if factor.unoccluded > 0.0 {
-                pair.fraction = factor.factor / factor.unoccluded;
+            if pair.unoccluded > 0.0 {
+                pair.fraction = factor.value / pair.unoccluded;
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::ERRORS;
-
-    fn factors(of: &[(f64, f64, f64)]) -> Vec<Uncertain> {
-        of.iter()
-            .map(|&(factor, unoccluded, error)| Uncertain {
-                factor,
-                unoccluded,
-                variance: error * error,
-            })
-            .collect()
-    }
-
-    fn lacking(sum: f64, error: f64) -> Lacking {
-        Lacking { sum, error }
-    }
-
-    fn sum(of: &[Uncertain]) -> f64 {
-        of.iter().map(|factor| factor.factor).sum()
-    }
-
-    #[test]
-    fn what_is_uncertain_takes_the_difference_and_what_is_exact_stays() {
-        let mut row = factors(&[(0.5, 0.5, 0.0), (0.2, 0.3, 0.02), (0.1, 0.3, 0.01)]);
-        project(&mut row, lacking(0.03, 0.0), ERRORS);
-        assert_eq!(row[0].factor, 0.5);
-        assert!(
-            (row[1].factor - 0.224).abs() < 1e-9 && (row[2].factor - 0.106).abs() < 1e-9,
-            "{row:?}"
-        );
-        // As uncertain as they are together, a known sum is believed half.
-        let mut row = factors(&[(0.2, 0.3, 0.03), (0.1, 0.3, 0.04)]);
-        project(&mut row, lacking(-0.04, 0.05), ERRORS);
-        assert!((sum(&row) - 0.28).abs() < 1e-9, "{row:?}");
-        // What lacks far more than all their errors says that these have one cause.
-        let mut row = factors(&[(0.2, 0.3, 1e-3), (0.1, 0.3, 1e-3)]);
-        project(&mut row, lacking(-0.1, 0.01), ERRORS);
-        assert!((sum(&row) - 0.294).abs() < 1e-9, "three standard errors each: {row:?}");
-    }
-
-    #[test]
-    fn none_moves_by_more_than_three_errors_or_beyond_what_it_can_be() {
-        let mut row = factors(&[(0.2, 0.3, 0.01), (0.299, 0.3, 0.01), (0.001, 0.3, 0.01)]);
-        project(&mut row, lacking(0.05, 0.0), ERRORS);
-        assert!(row[1].factor == 0.3 && (sum(&row) - 0.55).abs() < 1e-9, "{row:?}");
-        let before = sum(&row);
-        project(&mut row, lacking(-5.0, 0.0), ERRORS);
-        assert!(
-            (before - sum(&row) - 0.085).abs() < 1e-3 && row[2].factor >= 0.0,
-            "{row:?}"
-        );
-        let mut exact = factors(&[(0.2, 0.3, 0.0)]);
-        project(&mut exact, lacking(0.1, 0.0), ERRORS);
-        assert_eq!(exact[0].factor, 0.2);
     }
 }
