@@ -75,7 +75,7 @@ def moved(triangles, motion, mirrored=False):
 def rows(program, folder, store, count, cell):
     """The first rows of a store, with columns added up by their place in the cell."""
     table = Path(folder) / "table.mtx"
-    subprocess.run([program, "export", store, table, "--overwrite"], cwd=folder, check=True, capture_output=True)
+    subprocess.run([program, "export", store, "-o", table, "--overwrite"], cwd=folder, check=True, capture_output=True)
     lines = (line.split() for line in table.read_text().splitlines() if not line.startswith("%"))
     next(lines)
     out = {}
@@ -294,7 +294,7 @@ def facets(program, folder):
         line = ["tube.obj", "--specular", "tube.toml", "--tolerance", "0.1%", "--emitters", "low"]
         report = run(program, folder, [*line, "-o", "all"])
         table = folder / "zones.csv"
-        subprocess.run([program, "export", "all", table, "--by", "object", "--overwrite"], cwd=folder, check=True, capture_output=True)
+        subprocess.run([program, "export", "all", "-o", table, "--by", "object", "--overwrite"], cwd=folder, check=True, capture_output=True)
         head, *body = [line.split(",") for line in table.read_text().splitlines()]
         value = next(float(line[head.index("high")]) for line in body if line[0] == "low")
         off = value - 0.44688230485222

@@ -24,7 +24,7 @@ def rows_of(program, scene, options, rows, folder):
     line = ["compute", scene, "-o", store, "--rows", str(rows), *options]
     subprocess.run([program, *line, "--overwrite", "--quiet"], check=True)
     seconds = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-    line = ["export", store, table, "--overwrite", "--quiet", "--allow-incomplete"]
+    line = ["export", store, "-o", table, "--overwrite", "--quiet", "--allow-incomplete"]
     subprocess.run([program, *line], check=True)
     with table.open() as file:
         found = [row for row in csv.DictReader(file) if row["row_sum"]]

@@ -140,7 +140,7 @@ def theirs(folder):
 
 
 def ours(program, store, folder):
-    run([program, "export", store, "F.npy", "--overwrite", "-q"], folder)
+    run([program, "export", store, "-o", "F.npy", "--overwrite", "-q"], folder)
     table = np.load(folder / store / "patches.npz")
     return np.load(folder / "F.npy").astype(float), table["escaped"] + table["blocked"]
 
