@@ -169,7 +169,7 @@ def calculix(program, case, cells, folder):
     ours, own = {}, {}
     corners = [p for _, quad, _, _ in faces for p in quad]
     write_obj(folder / "faces.obj", corners, [(body, range(4 * k, 4 * k + 4)) for k, (body, *_) in enumerate(faces)])
-    factors(program, folder, ["--for", "calculix", "ours.vwf"], ours)
+    factors(program, folder, ["--for", "calculix", "-o", "ours.vwf"], ours)
     calculix_deck(folder / "ours.inp", faces, "*VIEWFACTOR, READ, INPUT=ours.vwf")
     calculix_deck(folder / "own.inp", faces, "*VIEWFACTOR, WRITE")
     one = {"OMP_NUM_THREADS": "1", "CCX_NPROC_VIEWFACTOR": "1"}
@@ -346,7 +346,7 @@ def openfoam(program, case, cells, folder):
         if name == "own":
             run(["viewFactorsGen"], folder, measures, "viewFactorsGen")
         else:
-            factors(program, folder, ["--for", "openfoam", "constant"], measures)
+            factors(program, folder, ["--for", "openfoam", "-o", "constant"], measures)
         run(["buoyantSimpleFoam"], folder, measures, f"solver-{name}")
         heat = foam_heat(folder, patches, cells)
         # What the body exchanges with the two others, per T⁴: A_r (F_r1 + F_r2).

@@ -339,7 +339,7 @@ fn a_forecast_ends_at_its_bound_of_work_and_says_so() {
     let place = tempfile::tempdir().expect("a temporary directory");
     let scene = place.path().join("screens.obj");
     write(&scene, &screens(150));
-    // No clock decides, and no number of threads.
+    // No clock decides, and no number of threads: three measure as many rows.
     let by = |arguments: &[&str]| {
         let mut found = json(&scene, arguments)["forecast"].clone();
         let fields = found.as_object_mut().expect("a forecast");

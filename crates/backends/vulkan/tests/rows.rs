@@ -138,7 +138,6 @@ fn do_not_depend(options: &[&str], range: std::ops::Range<usize>) {
 }
 
 #[test]
-#[ignore = "drivers that render on the processor take some ten seconds; the conformance suite holds each backend: ./test --full"]
 fn rows_do_not_depend_on_culling_batches_or_the_run() {
     do_not_depend(OPTIONS, 0..1);
 }

@@ -360,11 +360,22 @@ impl<'e> Casts<'e> {
         (self.each(found) * ray_shares::error(share * (1.0 - share), self.count)).powi(2)
     }
 
-    /// The variance of a share that rays of the same weight met; 0 where none did.
-    pub(super) fn variance_of_share(&self, share: f64) -> f64 {
-        let share = share.min(1.0);
-        if share > 0.0 {
-            ray_shares::error(share * (1.0 - share), self.count).powi(2)
+    /// The form factor that a ray stands for in the mean of these pairs, times N; 1 where rays found none.
+    pub(super) fn mean_each<'f>(&self, of: impl Iterator<Item = &'f Found>) -> f64 {
+        let add = |(weight, hits): (u64, u64), found: &Found| (weight + found.weight, hits + u64::from(found.hits));
+        let (weight, hits) = of.fold((0, 0), add);
+        if hits > 0 {
+            self.share(weight) / hits as f64 * self.count as f64
+        } else {
+            1.0
+        }
+    }
+
+    /// The variance of a share that rays met, of which each stands for `each` / N; 0 where none did.
+    pub(super) fn variance_of_share(&self, share: f64, each: f64) -> f64 {
+        let met = (share / each).min(1.0);
+        if met > 0.0 {
+            (each * ray_shares::error(met * (1.0 - met), self.count)).powi(2)
         } else {
             0.0
         }

@@ -345,9 +345,10 @@ impl<'a> Extender<'a> {
             cut_off,
             ..
         } = self.ledger;
+        let each = casts.mean_each(self.ledger.entries.values());
         let lost = [escaped, blocked, unselected].map(|lost| {
             let lost = casts.share(lost);
-            (lost * scale, casts.variance_of_share(lost) * scale * scale)
+            (lost * scale, casts.variance_of_share(lost, each) * scale * scale)
         });
         let mut cut_off = casts.share(cut_off) * scale;
         if self.ledger.sent == 0 {
@@ -388,7 +389,7 @@ impl<'a> Extender<'a> {
                 patch,
                 factor: casts.share(found.weight) * scale,
                 handed_on: found.passed as f64 / found.weight.max(1) as f64,
-                variance: casts.variance(&found),
+                variance: casts.variance(&found) * scale * scale,
             };
             let is_left = measured < most && place < looks && self.tracer.legs < until;
             if is_left && motion != OTHER && !self.cancel.load(Ordering::Relaxed) {
@@ -615,14 +616,15 @@ struct Known {
 }
 
 impl Known {
-    /// The part of it that stays.
+    /// The part of it that stays. Weights are divided in whole numbers, by which panes that absorb nothing keep some 10⁻¹².
     fn kept(&self) -> f64 {
-        (1.0 - self.handed_on).max(0.0)
+        let kept = 1.0 - self.handed_on;
+        if kept > 1e-6 { kept } else { 0.0 }
     }
 
     /// Takes a share measured by segments, if it says more than rays do. It is a pair that rays found: of P = 1 −
     /// e^(−n) of such pairs, with n hits expected. Each stands for 1 / P of them (Horvitz & Thompson 1952), or what
-    /// rays happen to miss would be lost, and what they know alone would be scaled up for it.
+    /// rays happen to miss would be lost, and what they know alone would be moved for it.
     fn measure(&mut self, whole: f64, share: Option<Share>, casts: &Casts<'_>, found: &Found) {
         let Some(share) = share else { return };
         let (factor, error) = (whole * share.share, whole * share.error);
@@ -657,10 +659,10 @@ fn closed(sent: f64, known: &[Known], lost: [(f64, f64); 3], cut_off: f64) -> Br
     let mut shares: Vec<Uncertain> = shares.collect();
     project(&mut shares, Lacking { sum, error: 0.0 }, f64::INFINITY);
     let variance: f64 = shares.iter().map(|share| share.variance).sum();
-    let together = if variance > 0.0 {
-        (sum * sum / variance).max(1.0)
+    let (together, unknown) = if variance > 0.0 {
+        ((sum * sum / variance).max(1.0), 0.0)
     } else {
-        1.0
+        (1.0, sum * sum)
     };
     let left = |own: f64| together * own * (1.0 - own / variance.max(f64::MIN_POSITIVE));
     let (kept, lost) = shares.split_at(known.len());
@@ -669,8 +671,8 @@ fn closed(sent: f64, known: &[Known], lost: [(f64, f64); 3], cut_off: f64) -> Br
         passed: sent,
         ..Brought::default()
     };
-    brought.variances[1] = left(kept.iter().map(|share| share.variance).sum());
-    brought.variances[2] = left(lost[0].variance);
+    let of_kept = left(kept.iter().map(|share| share.variance).sum());
+    brought.variances = [unknown, unknown + of_kept, left(lost[0].variance)];
     for (entry, kept) in known.iter().zip(kept) {
         let factor = if entry.kept() > 0.0 {
             kept.value / entry.kept()
@@ -678,7 +680,7 @@ fn closed(sent: f64, known: &[Known], lost: [(f64, f64); 3], cut_off: f64) -> Br
             entry.factor
         };
         brought.passed += factor * entry.handed_on;
-        let further = entry.variance - kept.variance;
+        let further = together * (entry.variance - kept.variance);
         brought.variances[0] += left(kept.variance) + further;
         brought.variances[1] += further;
         brought.factors.push((entry.patch, factor));
@@ -712,6 +714,7 @@ mod tests {
             known(0.1, 0.5, 0.02),
             known(0.3, 1.0, 0.01),
             known(0.1, 0.0, 0.0),
+            known(0.1, 1.0 - 1e-12, 3e-9),
         ];
         for sent in [0.2, 0.47, 0.5, 0.9] {
             let brought = closed(sent, &known, [(0.1, 1e-4), (0.0, 0.0), (0.01, 1e-6)], 0.02);
@@ -720,11 +723,8 @@ mod tests {
                 "{sent}: {brought:?}"
             );
             assert_eq!(brought.lost[1], 0.0, "nothing stays nothing");
-            assert_eq!(
-                (brought.factors[2].1, brought.factors[3].1),
-                (0.3, 0.1),
-                "what is exact or hands on all"
-            );
+            let factors = [2, 3, 4].map(|k: usize| brought.factors[k].1);
+            assert_eq!(factors, [0.3, 0.1, 0.1], "what is exact or hands on all");
         }
     }
 

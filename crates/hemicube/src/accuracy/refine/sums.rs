@@ -23,6 +23,7 @@ const STEPS_A_CANDIDATE: u64 = 300;
 /// cost more.
 const BATCH: usize = 64;
 const LEAST_GAIN: f64 = 0.02;
+
 impl Refiner<'_> {
     /// Looks for pairs of a row whose sum lacks `lacking`; `is_known` tells the patches in it. Afterwards they are in
     /// `self.unseen`, ascending.
