@@ -1,6 +1,7 @@
 """Costs of portals: `portal_costs.py PROGRAM [FOLDER]`; FOLDER (else a temporary one) gets the scenes and stores.
 
 `portal_costs.py PROGRAM FOLDER profile` has only what a row of the facade spends its time on, by Linux's `perf`.
+`portal_costs.py PROGRAM FOLDER errors` has only errors measured and expected in a city with facing mirrors: minutes.
 `portal_costs.py PROGRAM FOLDER backends NAME ...` has only rows over these plugins, with passes on either side.
 
 Scenes with images beside the whole: half a city, one of twelve sectors, a cell beside its 7 x 7 tiling; rows of the part are
@@ -303,6 +304,19 @@ def facets(program, folder):
         print(f"{count} | {value:.5f} | {off:+.5f}{slope} | {1e3 * report['seconds'] / report['rows']:.1f}", flush=True)
 
 
+def errors(program, folder):
+    """The error measured by rays on 24 rows, beside the one expected of the matrix, in a city of facing mirrors."""
+    subprocess.run([program, "generate", "city", "--patches", "600", "-o", "city.obj", "--overwrite"], cwd=folder, check=True, capture_output=True)
+    mirrors = '[object."building_0_0*"]\nspecular = 0.3\n[object."building_1*"]\nspecular = 0.6\n'
+    (folder / "mirrors.toml").write_text(mirrors)
+    print("facing mirrors, tolerance | measured, % | expected, %")
+    for tolerance in ("1%", "0.3%"):
+        line = ["city.obj", "--specular", "mirrors.toml", "--tolerance", tolerance, "--verify", "24", "-o", "all"]
+        report = run(program, folder, line)
+        measured = report["verification"]["measured"]["relative_frobenius"]
+        print(f"{tolerance} | {100 * measured:.2f} | {100 * report['expected_error']:.2f}", flush=True)
+
+
 def main():
     program = str(Path(shutil.which(sys.argv[1]) or sys.argv[1]).resolve())
     place = tempfile.TemporaryDirectory() if len(sys.argv) < 3 else None
@@ -314,6 +328,9 @@ def main():
         return
     if "backends" in sys.argv[3:]:
         backends(program, folder, scene.resolve(), sys.argv[sys.argv.index("backends") + 1 :])
+        return
+    if "errors" in sys.argv[3:]:
+        errors(program, folder)
         return
     images(program, folder)
     specular(program, folder, scene.resolve())
