@@ -124,6 +124,8 @@ impl Ran {
 struct Fixture {
     folder: TempDir,
     files: BTreeMap<String, Vec<u8>>,
+    /// Folders with these files that no run is in.
+    free: Mutex<Vec<TempDir>>,
     /// Runs without options, which many lines share, and whether a second run was the same.
     bases: Mutex<HashMap<String, Ran>>,
     steady: Mutex<HashMap<String, bool>>,
@@ -278,19 +280,38 @@ impl Fixture {
         Self {
             files: files(folder.path()),
             folder,
+            free: Mutex::default(),
             bases: Mutex::default(),
             steady: Mutex::default(),
         }
     }
 
-    /// Runs a line in a folder of its own with these files.
+    /// Runs a line in a folder of its own with these files, and none but these.
     fn run(&self, line: &str) -> Ran {
-        let folder = tempfile::tempdir().expect("a folder");
-        copy(self.folder.path(), folder.path());
+        let free = self.free.lock().expect("no panic").pop();
+        let folder = free.unwrap_or_else(|| {
+            let folder = tempfile::tempdir().expect("a folder");
+            copy(self.folder.path(), folder.path());
+            folder
+        });
         let (code, out, err) = run_in(folder.path(), line);
         let mut files = files(folder.path());
+        self.restore(folder.path(), &files);
+        self.free.lock().expect("no panic").push(folder);
         files.retain(|name, bytes| self.files.get(name) != Some(bytes));
         Ran { code, out, err, files }
+    }
+
+    /// Makes a folder in which these files were found what it was: copying all of them for each line takes longer than
+    /// most lines.
+    fn restore(&self, folder: &Path, found: &BTreeMap<String, Vec<u8>>) {
+        prune(folder, self.folder.path());
+        let is_other = |(name, bytes): &(&String, &Vec<u8>)| found.get(*name) != Some(bytes);
+        for (name, bytes) in self.files.iter().filter(is_other) {
+            let path = folder.join(name);
+            std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+            std::fs::write(path, bytes).expect("a file");
+        }
     }
 
     fn base(&self, line: &str) -> Ran {
@@ -360,6 +381,19 @@ impl Fixture {
                 after.err.chars().take(400).collect::<String>()
             )
         })
+    }
+}
+
+/// Removes what `like` does not have.
+fn prune(folder: &Path, like: &Path) {
+    for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
+        let (path, wanted) = (entry.path(), like.join(entry.file_name()));
+        match (path.is_dir(), wanted.exists()) {
+            (true, true) => prune(&path, &wanted),
+            (true, false) => std::fs::remove_dir_all(&path).expect("a folder that a run made"),
+            (false, true) => {}
+            (false, false) => std::fs::remove_file(&path).expect("a file that a run wrote"),
+        }
     }
 }
 
