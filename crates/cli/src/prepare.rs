@@ -246,7 +246,9 @@ impl EngineSettings {
                 .map_err(|error| hinted(error.into(), BACKENDS_HINT))?;
             return self.loaded(backend);
         }
-        let auto = registry.auto(&options);
+        // Of the machine, not of this run: a store must not depend on how many threads compute it.
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let auto = registry.auto(&options, threads);
         let taken = auto.taken.as_ref().map_or(BUILT_IN, |backend| backend.library().name());
         let reasons: Vec<String> = auto
             .passed_over

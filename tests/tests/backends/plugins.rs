@@ -392,7 +392,7 @@ fn the_program_computes_the_same_store_with_a_plugin_whatever_the_threads_and_ba
 }
 
 #[test]
-fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
+fn auto_takes_a_gpu_where_it_pays_and_says_why_it_takes_nothing_else() {
     let place = tempfile::tempdir().expect("a temporary directory");
     let here = |line: &str| run(place.path(), &program(), line);
     let vulkan = "FAULT_NAME=\"vulkan\"";
@@ -405,11 +405,11 @@ fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
         std::fs::create_dir_all(&folder).expect("a folder");
         c("faulty/table.c", &folder, name, macros);
     }
-    let auto = |folder: &str| {
+    let auto = |folder: &str, threads| {
         let search = Search::new(&[place.path().join(folder)], &Environment::default());
-        Registry::new(search, &["cpu"]).auto(&Options::default())
+        Registry::new(search, &["cpu"]).auto(&Options::default(), threads)
     };
-    let found = auto("gpu");
+    let found = auto("gpu", 5);
     assert_eq!(found.taken.expect("a GPU").library().name(), "gl");
     let reasons: Vec<String> = found
         .passed_over
@@ -417,7 +417,16 @@ fn auto_takes_a_gpu_and_says_why_it_takes_nothing_else() {
         .map(|p| format!("{}: {}", p.name, p.reason))
         .collect();
     assert_eq!(reasons, ["vulkan: no driver is installed", "wgpu: not installed"]);
-    let found = auto("software");
+    let found = auto("gpu", 6);
+    assert!(found.taken.is_none());
+    let said = "6 threads of the processor draw more than a GPU";
+    assert!(
+        found
+            .passed_over
+            .iter()
+            .any(|other| other.name == "gl" && other.reason == said)
+    );
+    let found = auto("software", 1);
     assert!(found.taken.is_none());
     assert_eq!(
         found.passed_over[0].reason,

@@ -24,7 +24,7 @@
 //! assert!(tried[0].path.starts_with(&given));
 //!
 //! // `auto` goes on without a plugin: the built-in backend is left.
-//! let auto = registry.auto(&options);
+//! let auto = registry.auto(&options, 2);
 //! assert!(auto.taken.is_none());
 //! assert!(auto.passed_over.iter().all(|over| !over.installed && over.reason == "not installed"));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
