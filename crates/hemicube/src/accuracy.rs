@@ -46,6 +46,7 @@ pub mod correct;
 pub mod error_model;
 pub mod fit;
 pub(crate) mod grain;
+pub(crate) mod ladder;
 pub(crate) mod ray_shares;
 pub(crate) mod refine;
 pub(crate) mod row;

@@ -625,7 +625,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// not; `None` for a patch without area.
     fn ray_shares(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
         let wanted = ASKED * self.permitted;
-        self.refined_until(emitter, |found| found.is_within(wanted))
+        self.refined_until(emitter, |found| found.for_shares(wanted))
     }
 
     /// [`Self::ray_shares`], where two of them matter with as many rays as divide what the form factors leave.
@@ -635,35 +635,31 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
             return Some(found);
         }
         let wanted = SURE_PART * self.permitted;
-        self.refined_until(emitter, |found| found.division_error() <= wanted)
+        self.refined_until(emitter, |found| found.for_division(wanted))
     }
 
-    /// Casts rays until they are enough, or their bound is met; `None` for a patch without area.
-    fn refined_until(&mut self, emitter: &Emitter<'_>, is_enough: impl Fn(&RayShares) -> bool) -> Option<RayShares> {
+    /// Casts rays until there are as many as `wanted` says, or their bound is met; `None` for a patch without area.
+    fn refined_until(&mut self, emitter: &Emitter<'_>, wanted: impl Fn(&RayShares) -> f64) -> Option<RayShares> {
         let mut found = self.look(emitter)?;
-        found.refine(
-            emitter,
-            self.permitted,
-            is_enough,
-            noting(&self.receives, &mut self.met),
-        );
+        found.refine(emitter, self.permitted, wanted, noting(&self.receives, &mut self.met));
         self.found = Some((self.emitter, found));
         Some(found)
     }
 
     /// [`Self::ray_shares`], with as many rays as tell whether form factors of this sum are off by more than permitted.
     fn sure_ray_shares(&mut self, emitter: &Emitter<'_>, factors: f64) -> Option<RayShares> {
-        let mut found = self.ray_shares(emitter)?;
-        let off = |found: &RayShares| (1.0 - factors - found.shares().lost()).abs() > ASKED * self.permitted;
-        // Sums below 1 that lose nothing by rays may lose what few rays miss, as at the rim of a narrow gap.
-        let may_miss = |found: &RayShares| factors < 1.0 && found.none_leaves() > ASKED * self.permitted;
-        while off(&found) && (found.error() > SURE_PART * self.permitted || may_miss(&found)) {
-            if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
-                break;
+        self.ray_shares(emitter)?;
+        let (permitted, part) = (self.permitted, ASKED * self.permitted);
+        self.refined_until(emitter, |found| {
+            // Sums below 1 that lose nothing by rays may lose what few rays miss, as at the rim of a narrow gap.
+            let may_miss = factors < 1.0 && found.none_leaves() > part;
+            let is_off = (1.0 - factors - found.shares().lost()).abs() > part;
+            match (is_off, may_miss) {
+                (true, true) => found.for_sum(SURE_PART * permitted).max(NONE_MET / part),
+                (true, false) => found.for_sum(SURE_PART * permitted),
+                (false, _) => 0.0,
             }
-        }
-        self.found = Some((self.emitter, found));
-        Some(found)
+        })
     }
 
     /// Returns whether a row whose form factors have this sum needs shares by rays: for their sum, or to divide it.
@@ -736,9 +732,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         let mut count = count_of(&self.met);
         // Takes a standard error of the count off.
         let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
-        while is_much(count, &found) && permitted * (found.rays() as f64) < NONE_MET {
+        while is_much(count, &found) {
             let before = self.met.len();
-            if !found.go_on(emitter, self.permitted, noting(&self.receives, &mut self.met)) {
+            let wanted = NONE_MET / permitted;
+            if !found.go_on(emitter, self.permitted, wanted, noting(&self.receives, &mut self.met)) {
                 break;
             }
             count += count_of(&self.met[before..]);
@@ -810,7 +807,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
                 return by_hemicubes;
             }
             let wanted = SURE_PART * self.permitted;
-            let divided = self.refined_until(&emitter, |found| found.division_error() <= wanted);
+            let divided = self.refined_until(&emitter, |found| found.for_division(wanted));
             return divided.map_or(by_hemicubes, |found| {
                 found.shares().refined_within(factors, own.min(ASKED * self.permitted))
             });

@@ -6,6 +6,7 @@
 //! distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance X (1 − X) n^(−5/4) of a
 //! share X.
 
+use crate::accuracy::ladder::{self, rays_to_leave};
 use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
 use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
@@ -39,8 +40,23 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
     // n^(5/8), by roots: they have the same bits everywhere.
     let root = (count as f64).sqrt();
     let eighth = root.sqrt().sqrt();
-    // A few rays that agree do not prove that all would.
-    variance.max(0.25 / count as f64).sqrt() / (root * eighth)
+    known(variance, count).sqrt() / (root * eighth)
+}
+
+/// The variance of one ray that so many tell: a few rays that agree do not prove that all would.
+fn known(variance: f64, count: usize) -> f64 {
+    variance.max(0.25 / count as f64)
+}
+
+/// The rays of the smallest whole net of the sequence that has so many, and [`LEAST`]: a power of two. Parts of a net leave
+/// more than n^(−5/4), as rays measured one by one that stop where they are enough: to the number asked for, 9 to 14 %
+/// fewer steps in a city left 95 % of the sums of ten scenes' rows up to 3.7 times as far off.
+fn whole_net(rays: f64) -> f64 {
+    let mut net = LEAST as f64;
+    while net < rays.min(MOST as f64) {
+        net *= 2.0;
+    }
+    net
 }
 
 /// Shares measured by rays, which may go on.
@@ -64,15 +80,6 @@ impl RayShares {
         self.shares()
             .to_array()
             .map(|share| error(share * (1.0 - share), self.rays))
-    }
-
-    /// The largest standard error of a share where the form factors tell the sum L of all three: of a share X, the
-    /// variance X (1 − X ÷ L) remains.
-    pub(crate) fn division_error(&self) -> f64 {
-        let shares = self.shares();
-        let lost = shares.lost().max(f64::MIN_POSITIVE);
-        let largest = |most: f64, share: f64| most.max(share * (1.0 - share / lost));
-        error(shares.to_array().into_iter().fold(0.0, largest), self.rays)
     }
 
     /// The standard error of *escaped*, where the form factors tell the sum of all three.
@@ -104,20 +111,34 @@ impl RayShares {
         self.rays
     }
 
-    /// Returns whether no share has a standard error above `wanted`.
-    pub(crate) fn is_within(&self, wanted: f64) -> bool {
-        self.errors().iter().all(|&error| error <= wanted)
+    /// The number of rays that leave no share a standard error above `wanted`.
+    pub(crate) fn for_shares(&self, wanted: f64) -> f64 {
+        let variances = self.shares().to_array().map(|share| share * (1.0 - share));
+        self.rays_for(variances.into_iter().fold(0.0, f64::max), wanted)
+    }
+
+    /// The number of rays that leave no share a standard error above `wanted` where the form factors tell the sum L of all
+    /// three: of a share X, the variance X (1 − X ÷ L) remains.
+    pub(crate) fn for_division(&self, wanted: f64) -> f64 {
+        let shares = self.shares();
+        let lost = shares.lost().max(f64::MIN_POSITIVE);
+        let variances = shares.to_array().map(|share| share * (1.0 - share / lost));
+        self.rays_for(variances.into_iter().fold(0.0, f64::max), wanted)
+    }
+
+    /// The number of rays that leave the sum of all three no standard error above `wanted`.
+    pub(crate) fn for_sum(&self, wanted: f64) -> f64 {
+        let sum = self.shares().lost().min(1.0);
+        self.rays_for(sum * (1.0 - sum), wanted)
+    }
+
+    fn rays_for(&self, variance: f64, wanted: f64) -> f64 {
+        rays_to_leave(wanted * wanted / known(variance, self.rays.max(1)))
     }
 
     /// Returns whether they are a measurement, not only a look at what a hemicube did not see.
     pub(crate) fn is_measurement(&self) -> bool {
         self.rays >= LEAST
-    }
-
-    /// Returns whether no further rays may be cast for a permitted error.
-    pub(crate) fn is_at_its_bound(&self, permitted: f64) -> bool {
-        let is_sure = self.is_measurement() && error(0.25, self.rays) <= permitted / ERRORS;
-        is_sure || self.rays >= MOST || self.blocks >= steps_beside(permitted)
     }
 
     /// Casts the first rays from a patch. `None` for a patch without area.
@@ -127,30 +148,34 @@ impl RayShares {
         (found.rays > 0).then_some(found)
     }
 
-    /// Casts 256 rays, and twice as many until `is_enough`, or their bound is met: rays that know any share to a third of
-    /// the permitted error, 131,072 rays, or the steps of a search beside a row in blocks of triangles: thousands of
-    /// triangles in one place are met by every ray to it.
+    /// Goes on until there are as many rays as `wanted` says, or as [`Self::go_on`] casts.
     pub(crate) fn refine(
         &mut self,
         emitter: &Emitter<'_>,
         permitted: f64,
-        is_enough: impl Fn(&Self) -> bool,
+        wanted: impl Fn(&Self) -> f64,
         mut receives: impl FnMut(u32) -> bool,
     ) {
-        while !self.is_measurement() || !is_enough(self) {
-            if !self.go_on(emitter, permitted, &mut receives) {
-                break;
-            }
-        }
+        while self.go_on(emitter, permitted, wanted(self), &mut receives) {}
     }
 
-    /// Casts as many rays again, 256 at least; returns false where the bound allows none.
-    pub(crate) fn go_on(&mut self, emitter: &Emitter<'_>, permitted: f64, receives: impl FnMut(u32) -> bool) -> bool {
-        let may = !self.is_at_its_bound(permitted);
-        if may {
-            self.cast(emitter, (2 * self.rays).max(LEAST), receives);
-        }
-        may
+    /// Casts rays up the [`ladder`] to `wanted`; returns false where there are as many. There are 256 at least, and at most
+    /// as many as know any share to a third of the permitted error, 131,072, or as meet the steps of a search beside a
+    /// row in blocks of triangles: thousands of triangles in one place are met by every ray to it.
+    pub(crate) fn go_on(
+        &mut self,
+        emitter: &Emitter<'_>,
+        permitted: f64,
+        wanted: f64,
+        receives: impl FnMut(u32) -> bool,
+    ) -> bool {
+        let sure = rays_to_leave((permitted / ERRORS).powi(2) / 0.25);
+        let next = ladder::next(self.rays, whole_net(wanted.min(sure)), MOST, BATCH);
+        let Some(next) = next.filter(|_| self.blocks < steps_beside(permitted)) else {
+            return false;
+        };
+        self.cast(emitter, next, receives);
+        true
     }
 
     /// Casts rays until there are `wanted`. `receives` is asked of each patch met and tells the patches with a column. None from a patch without area.
@@ -246,7 +271,7 @@ mod tests {
 
     fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
         let mut found = RayShares::look(emitter, &receives)?;
-        found.refine(emitter, permitted, |found| found.is_within(0.8 * permitted), receives);
+        found.refine(emitter, permitted, |found| found.for_shares(0.8 * permitted), receives);
         Some(found)
     }
 

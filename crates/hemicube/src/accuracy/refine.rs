@@ -25,6 +25,7 @@ use crate::accuracy::error_model::{
     CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, MEASURED_FROM, NEAR_RAY, PriorCell, PriorSums, PriorVariances,
     REACH, ROW_SUM, RayGain, TREE_RAY, class_of, multiplier_for, nearness_of, rays_for, variance_of_rays,
 };
+use crate::accuracy::ladder;
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
@@ -341,8 +342,6 @@ pub(crate) fn steps_beside(tolerance: f64) -> u64 {
 }
 /// Steps of a pair, about. If a row's bound leaves so many for each pair, their order does not matter.
 const STEPS_A_PAIR: u64 = 30_000;
-/// Growth of the number of rays at a pair before it is asked again how many it needs.
-const GROWTH: usize = 4;
 /// Number of rays that tell well enough how many more are needed.
 const KNOWN_RAYS: usize = 256;
 /// Number of rays from which on points are cheaper.
@@ -354,7 +353,7 @@ const PROBES: f64 = 6.0;
 /// Nearness from which on centroids tell a form factor well enough to see whether it matters: 8 radii.
 const FAR: u8 = 3;
 /// Bound of the rays at one pair.
-const MOST_RAYS: f64 = 262_144.0;
+const MOST_RAYS: usize = 262_144;
 
 impl<'c> Refiner<'c> {
     pub(crate) fn new(refinement: Refinement, cancel: Option<&'c AtomicBool>) -> Self {
@@ -843,17 +842,10 @@ impl<'c> Refiner<'c> {
                     return refined;
                 }
             }
-            #[allow(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "clamped, then a number of rays"
-            )]
-            let wanted = (wanted.clamp(0.0, MOST_RAYS) as usize).next_multiple_of(RAYS);
-            // Grow step by step: most spreads that the first rays leave open, the next resolve.
-            if wanted <= rays || next >= wanted {
+            let Some(more) = ladder::next(next, wanted, MOST_RAYS, RAYS).filter(|&more| more > rays) else {
                 break (rays, spread);
-            }
-            next = wanted.min(GROWTH * next);
+            };
+            next = more;
             // The next rays cost what the rays so far did, about.
             let dear = cast.steps / rays.max(1) as u64 * next.saturating_sub(rays) as u64;
             if refined.steps + cast.steps + dear > allowed.steps {

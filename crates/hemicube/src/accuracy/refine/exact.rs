@@ -21,6 +21,7 @@
 use super::{Pair, Refined, Refiner, inverse_area, seed, smoothed};
 use crate::Model;
 use crate::accuracy::error_model::variance_of_rays;
+use crate::accuracy::ladder::{self, GROWTH, rays_to_leave};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::factor::exchange;
@@ -31,7 +32,7 @@ use crate::visibility::candidates::Least;
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::exact::critical::Bound;
 use crate::visibility::segments::Obstacles;
-use crate::visibility::shaft::{Cast, PatchTriangle, TrianglePair};
+use crate::visibility::shaft::{Cast, PatchTriangle, RAYS, TrianglePair};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -55,9 +56,8 @@ const MOST_KEPT: usize = 2_048;
 const MOST_POINTS: f64 = 2e6;
 /// Tolerance from which on pairs may take more points.
 const FINE: f64 = 1e-4;
-/// Rays at a pair before it is asked how many it needs, and the growth of their number.
+/// Rays at a pair before it is asked how many it needs.
 const FIRST_RAYS: usize = 256;
-const GROWTH: usize = 4;
 /// Steps of exact visibility for the square of the number of occluders: of 100 points, each with a test of every shadow
 /// against every other. Measured, within a factor of three.
 const STEPS_OF_SHADOWS: u64 = 500;
@@ -348,15 +348,15 @@ impl Refiner<'_> {
         let mut cast = Cast::default();
         let mut wanted = FIRST_RAYS;
         // At first, a quarter of what all may cost: most of these rays are lost where they do not do.
-        let mut next_steps = self.shaft.steps_of_rays(pair, wanted).saturating_mul(GROWTH as u64);
-        while next_steps <= most_steps && wanted <= EACH_RAYS {
+        let mut all_steps = self.shaft.steps_of_rays(pair, wanted).saturating_mul(GROWTH as u64);
+        while all_steps <= most_steps {
             self.shaft.cast(obstacles, pair, wanted, *seed, &mut cast);
             // Of two triangles that all but lie behind each other most segments weigh nothing.
             let rays = cast.worth().max(1.0);
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = smoothed(seen, rays);
-            let variance = smooth * (1.0 - smooth) * variance_of_rays(rays);
-            let error = variance.sqrt() * measured.exchange_area;
+            let variance = smooth * (1.0 - smooth);
+            let error = (variance * variance_of_rays(rays)).sqrt() * measured.exchange_area;
             measured.fraction = seen;
             #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
             {
@@ -367,12 +367,14 @@ impl Refiner<'_> {
             if error <= enough {
                 return true;
             }
-            // The error falls by the power 3/4 of the number of rays.
-            let growth = (error / enough).powf(4.0 / 3.0).max(GROWTH as f64);
-            wanted *= GROWTH;
+            let growth = rays_to_leave((enough / measured.exchange_area).powi(2) / variance) / rays;
+            let Some(more) = ladder::next(wanted, wanted as f64 * growth, EACH_RAYS, RAYS) else {
+                break;
+            };
+            wanted = more;
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
             {
-                next_steps = (cast.steps as f64 * growth) as u64;
+                all_steps = (cast.steps as f64 * growth) as u64;
             }
         }
         false
