@@ -66,7 +66,7 @@ pub(crate) struct RayShares {
     met: [u32; 3],
     /// Number of rays.
     rays: usize,
-    /// Blocks of triangles that they met.
+    /// Blocks of triangles that the first [`LEAST`] of them met.
     blocks: u64,
 }
 
@@ -141,6 +141,13 @@ impl RayShares {
         self.rays >= LEAST
     }
 
+    /// The number of rays that meet so many blocks of triangles, by the first [`LEAST`]: others may be cast by who counts
+    /// none.
+    fn rays_of_blocks(&self, blocks: u64) -> f64 {
+        let counted = self.rays.clamp(1, LEAST) as f64;
+        blocks as f64 * counted / self.blocks.max(1) as f64
+    }
+
     /// Casts the first rays from a patch. `None` for a patch without area.
     pub(crate) fn look(emitter: &Emitter<'_>, receives: impl FnMut(u32) -> bool) -> Option<Self> {
         let mut found = Self::default();
@@ -170,8 +177,8 @@ impl RayShares {
         receives: impl FnMut(u32) -> bool,
     ) -> bool {
         let sure = rays_to_leave((permitted / ERRORS).powi(2) / 0.25);
-        let next = ladder::next(self.rays, whole_net(wanted.min(sure)), MOST, BATCH);
-        let Some(next) = next.filter(|_| self.blocks < steps_beside(permitted)) else {
+        let paid = self.rays_of_blocks(steps_beside(permitted));
+        let Some(next) = ladder::next(self.rays, whole_net(wanted.min(sure).min(paid)), MOST, BATCH) else {
             return false;
         };
         self.cast(emitter, next, receives);
@@ -211,7 +218,9 @@ impl RayShares {
                 WideTree::begin(&mut pending);
                 let segment = Segment::new(ends[0], ends[1], tree.plane_tolerance);
                 let next = |until: f64| wide.next(&segment, until, &mut pending);
-                let met = nearest_of(&tree, ends, &horizon, is_apart, next, &mut self.blocks);
+                let mut blocks = 0;
+                let met = nearest_of(&tree, ends, &horizon, is_apart, next, &mut blocks);
+                self.blocks += if at < LEAST { blocks } else { 0 };
                 match met.map(|met| met.id) {
                     // A ray that leaves a closed space went through a seam of its walls, to their backs.
                     None => self.met[usize::from(is_closed)] += 1,
