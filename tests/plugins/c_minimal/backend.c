@@ -106,5 +106,5 @@ static HcStatus rows(HcSession *s, HcRows *rows, HcError *error) {
 }
 
 HC_EXPORT const HcBackend hemicube_backend = {
-    HC_ABI_VERSION, sizeof(HcBackend), "c-minimal", "1", devices, open, NULL, load, rows, items, close, NULL,
+    HC_ABI_VERSION, sizeof(HcBackend), "c-minimal", "1", devices, open, NULL, load, rows, items, close, NULL, NULL,
 };

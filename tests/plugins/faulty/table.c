@@ -78,6 +78,6 @@ static HcStatus a_gpu(HcDevice *out, uint32_t capacity, uint32_t *count, HcError
 #ifndef NO_SYMBOL
 extern HC_EXPORT const HcBackend hemicube_backend;
 HC_EXPORT const HcBackend hemicube_backend = {
-    FAULT_ABI, FAULT_SIZE, FAULT_NAME, FAULT_VERSION, FAULT_DEVICES, FAULT_OPEN, NULL, FAULT_LOAD, FAULT_ROWS, FAULT_ITEMS, FAULT_CLOSE, FAULT_PASS,
+    FAULT_ABI, FAULT_SIZE, FAULT_NAME, FAULT_VERSION, FAULT_DEVICES, FAULT_OPEN, NULL, FAULT_LOAD, FAULT_ROWS, FAULT_ITEMS, FAULT_CLOSE, FAULT_PASS, NULL,
 };
 #endif

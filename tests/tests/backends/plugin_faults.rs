@@ -231,7 +231,7 @@ fn fault_04_truncated_table() {
 }
 
 #[test]
-fn a_table_of_the_first_version_is_loaded_and_draws_no_passes() {
+fn a_table_of_the_first_version_is_loaded_and_has_neither_passes_nor_rays() {
     let place = folder();
     let path = bad_table(&place, &["FAULT_SIZE=80", "OLD", "FAULT_PASS=behind"]);
     let model = model(hemicube_scene::generate::cornell_box(), Subdivision::None);
@@ -248,6 +248,14 @@ fn a_table_of_the_first_version_is_loaded_and_draws_no_passes() {
         open: &open,
     };
     let refused = old.pass(&pass);
+    assert!(matches!(refused, Err(BackendError::Unsupported(_))), "{refused:?}");
+    let rays = hemicube::backend::Rays {
+        emitter: hemicube_scene::InputPatch(0),
+        normal: z,
+        offset: 0.0,
+        ends: &[],
+    };
+    let refused = old.rays(&rays);
     assert!(matches!(refused, Err(BackendError::Unsupported(_))), "{refused:?}");
 }
 
@@ -716,6 +724,68 @@ fn fault_19_wrong_passes() {
     assert_eq!(parts[0], parts[1]);
 }
 
+/// A run with rays by a fault of theirs, in a city, whose rows lose much to the sky.
+fn rays_of_a_city(fault: &str, switch: &str) -> (Run, Output) {
+    let run = Run { place: folder() };
+    let made = run.program(&["generate", "city", "--patches", "300", "-o", "city.obj"]);
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let mut command = run.command();
+    command.args("compute city.obj -o m --tolerance 0.3% --rows 24 --threads 1 --backend".split(' '));
+    command.arg(rust("faulty"));
+    for option in [&format!("fault={fault}"), &format!("rays={switch}")] {
+        command.args(["--backend-option", option]);
+    }
+    let output = command.output().expect("the program runs");
+    (run, output)
+}
+
+#[test]
+fn fault_20_wrong_rays() {
+    let check = |fault: &str| {
+        let options = ["--backend-option", &format!("fault={fault}")];
+        check_of(&rust("faulty"), "room/rays", &options, "60")
+    };
+    for (fault, words) in [
+        ("rays-fail", "it was pulled out"),
+        ("rays-few", "answers to"),
+        ("rays-out-of-range", "which is no patch of a scene of"),
+        ("rays-unwritten", "which is no patch of a scene of"),
+    ] {
+        let (run, output) = rays_of_a_city(fault, "on");
+        let said = text(&output.stderr);
+        assert!(
+            output.status.code() == Some(2) && said.contains("error: backend `faulty`") && said.contains(words),
+            "{fault}: {said}"
+        );
+        assert_eq!(run.parts().len(), 0, "{fault}: nothing of it is stored");
+        let said = check(fault);
+        assert!(
+            said.contains("BROKEN") && said.contains("`rays` failed"),
+            "{fault}: {said}"
+        );
+    }
+    let said = text(&rays_of_a_city("rays-past", "on").1.stderr);
+    assert!(said.contains("wrote past the end of `met` in `rays`"), "{said}");
+    // What is legal and wrong is the suite's to find.
+    for (fault, words) in [
+        ("rays-wrong", "it says; it meets"),
+        ("rays-escape", "it says; it meets"),
+        ("rays-ignore-ends", "it says; it meets"),
+        ("rays-doubtful", "rays are doubtful"),
+    ] {
+        let said = check(fault);
+        assert!(said.contains("BROKEN") && said.contains(words), "{fault}: {said}");
+    }
+    // Nobody is asked for rays without the switch, and doubtful ones are the processor's, to the bit.
+    let parts = [("rays-escape", "off"), ("rays-doubtful", "on"), ("rays-escape", "on")].map(|(fault, switch)| {
+        let (run, output) = rays_of_a_city(fault, switch);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        run.parts()
+    });
+    assert_eq!(parts[0], parts[1]);
+    assert_ne!(parts[0], parts[2], "answers are used");
+}
+
 /// The numbers of the faults in the table of `docs/plugins.md`.
 fn listed(page: &str) -> Vec<u32> {
     let numbers = page
@@ -728,7 +798,7 @@ fn listed(page: &str) -> Vec<u32> {
 fn every_fault_of_the_table_has_its_test() {
     let page = std::fs::read_to_string(workspace().join("docs/plugins.md")).expect("the page on plugins");
     let listed = listed(&page);
-    assert_eq!(listed, (1..=19).collect::<Vec<_>>());
+    assert_eq!(listed, (1..=20).collect::<Vec<_>>());
     let source = include_str!("plugin_faults.rs");
     for number in &listed {
         let test = format!("#[test]\nfn fault_{number:02}_");

@@ -46,6 +46,11 @@ typedef struct HcSession HcSession;
 #define HC_BLOCKED 4294967294
 
 /*
+ The answer to a ray that has no certain one.
+ */
+#define HC_DOUBTFUL 4294967293
+
+/*
  Parent of an octree's root.
  */
 #define HC_NO_NODE 4294967295
@@ -115,6 +120,11 @@ typedef struct HcSession HcSession;
  has them drawn on the processor. A host that does not know this bit asks for them all the same.
  */
 #define HC_LEAVES_CLOSE 32
+
+/*
+ `rays` works.
+ */
+#define HC_CAN_RAYS 64
 
 /*
  A device of none of the kinds below.
@@ -614,6 +624,45 @@ typedef struct HcPass {
 } HcPass;
 
 /*
+ Rays from one patch, and what they meet.
+
+ A ray meets the first surface strictly between its ends, but none of the emitter's, and none without a corner more
+ than `plane_tolerance` above the emitter's plane. What rounding might decide is `HC_DOUBTFUL`, and the host's to
+ decide: an edge, an end, the plane, and which of two surfaces is first within 40,000 × `plane_tolerance` of each
+ other. A certain answer that is wrong makes a matrix wrong in silence.
+ */
+typedef struct HcRays {
+  /*
+   Bytes of this struct.
+   */
+  uint32_t struct_size;
+  /*
+   The patch that they start from.
+   */
+  uint32_t emitter;
+  /*
+   Normal of its plane, of unit length, on the side that the rays leave to.
+   */
+  double normal[3];
+  /*
+   The plane: normal · p = `offset`.
+   */
+  double offset;
+  /*
+   Number of rays.
+   */
+  uint64_t ray_count;
+  /*
+   In: six numbers a ray: its start and its end.
+   */
+  const double *ends;
+  /*
+   Out: the patch that each meets, `HC_BLOCKED` for a back, `HC_ESCAPED` for nothing, or `HC_DOUBTFUL`.
+   */
+  uint32_t *met;
+} HcRays;
+
+/*
  The table: the one export of a plugin, under the name `hemicube_backend`.
 
  [any-thread]: may be called at any time from any thread, also at once. [session-thread]: never two calls at once
@@ -688,6 +737,10 @@ typedef struct HcBackend {
    there, without `HC_CAN_PASSES`: the host then draws passes itself. [session-thread]
    */
   HcStatus (*pass)(HcSession *session, const struct HcPass *pass, uint32_t *items, struct HcError *error);
+  /*
+   Casts rays. NULL, or not there, without `HC_CAN_RAYS`: the host then casts all rays itself. [session-thread]
+   */
+  HcStatus (*rays)(HcSession *session, struct HcRays *rays, struct HcError *error);
 } HcBackend;
 
 #endif  /* HEMICUBE_BACKEND_H */

@@ -5,13 +5,14 @@ use crate::plugin::{Device, Log, Plugin, capabilities_to_raw};
 use crate::types::{
     HC_ABI_VERSION, HC_ERROR_DEVICE_LOST, HC_ERROR_INTERNAL, HC_ERROR_INVALID_ARGUMENT, HC_ERROR_OUT_OF_MEMORY,
     HC_ERROR_PANIC, HC_ERROR_UNSUPPORTED, HC_NO_NODE, HC_NO_PATCH, HC_OK, HcBackend, HcCounters, HcDevice, HcError,
-    HcHemicube, HcHost, HcNode, HcPass, HcRows, HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
+    HcHemicube, HcHost, HcNode, HcPass, HcRays, HcRows, HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes,
+    HcStatus,
 };
 use core::ffi::{CStr, c_char};
 use glam::DVec3;
 use hemicube_contract::InputPatch;
 use hemicube_contract::backend::{
-    BackendError, Culling, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes, Surface,
+    BackendError, Culling, Geometry, Hemicube, HemicubeBackend, Pass, Rays, RenderSettings, StageTimes, Surface,
 };
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::pixel_count;
@@ -55,6 +56,7 @@ pub const fn table<P: Plugin>() -> HcBackend {
         items: Some(items::<P>),
         close: Some(close::<P>),
         pass: Some(pass::<P>),
+        rays: Some(rays::<P>),
     }
 }
 
@@ -609,6 +611,39 @@ unsafe extern "C" fn pass<P: Plugin>(
                 )));
             }
             slice_mut(out, wanted)?.copy_from_slice(&items.seen);
+            Ok(())
+        })
+    }
+}
+
+unsafe extern "C" fn rays<P: Plugin>(session: *mut HcSession, rays: *mut HcRays, error: *mut HcError) -> HcStatus {
+    // SAFETY: the host's pointers, by the ABI: a session of this plugin, rays with arrays of the length given there, an
+    // error or NULL.
+    unsafe {
+        answer_session::<P>(session, error, |open| {
+            let Some(loaded) = &open.loaded else {
+                return not_loaded();
+            };
+            let raw = sized(rays, "the rays")?;
+            let wanted = count(raw.ray_count)?;
+            // An array of six f64 is aligned as one.
+            let ends: Vec<[DVec3; 2]> = slice(raw.ends.cast::<[f64; 6]>(), wanted)?
+                .iter()
+                .map(|e| [0, 3].map(|k| DVec3::new(e[k], e[k + 1], e[k + 2])))
+                .collect();
+            let rays = Rays {
+                emitter: InputPatch(raw.emitter),
+                normal: raw.normal.into(),
+                offset: raw.offset,
+                ends: &ends,
+            };
+            rays.check(loaded.patch_count)?;
+            let met = open.session.rays(&rays)?;
+            if met.len() != wanted {
+                let found = met.len();
+                return Err(BackendError::Internal(format!("{found} answers to {wanted} rays")));
+            }
+            slice_mut(raw.met, wanted)?.copy_from_slice(&met);
             Ok(())
         })
     }

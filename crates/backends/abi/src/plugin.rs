@@ -1,9 +1,9 @@
 //! The author's side: the trait of a backend in Rust.
 
 use crate::types::{
-    HC_CAN_COVERED, HC_CAN_ITEMS, HC_CAN_LOSSLESS_CULLING, HC_CAN_PASSES, HC_CAN_TINY_PATCHES, HC_DEVICE_DISCRETE_GPU,
-    HC_DEVICE_INTEGRATED_GPU, HC_DEVICE_OTHER, HC_DEVICE_SOFTWARE, HC_DEVICE_VIRTUAL_GPU, HC_LEAVES_CLOSE,
-    HC_LOG_DEBUG, HC_LOG_ERROR, HC_LOG_INFO, HC_LOG_WARN, HcHost,
+    HC_CAN_COVERED, HC_CAN_ITEMS, HC_CAN_LOSSLESS_CULLING, HC_CAN_PASSES, HC_CAN_RAYS, HC_CAN_TINY_PATCHES,
+    HC_DEVICE_DISCRETE_GPU, HC_DEVICE_INTEGRATED_GPU, HC_DEVICE_OTHER, HC_DEVICE_SOFTWARE, HC_DEVICE_VIRTUAL_GPU,
+    HC_LEAVES_CLOSE, HC_LOG_DEBUG, HC_LOG_ERROR, HC_LOG_INFO, HC_LOG_WARN, HcHost,
 };
 use core::ffi::{CStr, c_char, c_void};
 use hemicube_contract::backend::{BackendError, BackendInfo, Capabilities, HemicubeBackend};
@@ -92,6 +92,7 @@ pub fn capabilities_to_raw(can: Capabilities) -> u64 {
         (can.items, HC_CAN_ITEMS),
         (can.lossless_culling, HC_CAN_LOSSLESS_CULLING),
         (can.passes, HC_CAN_PASSES),
+        (can.rays, HC_CAN_RAYS),
         (can.leaves_close, HC_LEAVES_CLOSE),
     ]
     .into_iter()
@@ -106,6 +107,7 @@ pub fn capabilities_from_raw(bits: u64) -> Capabilities {
         items: bits & HC_CAN_ITEMS != 0,
         lossless_culling: bits & HC_CAN_LOSSLESS_CULLING != 0,
         passes: bits & HC_CAN_PASSES != 0,
+        rays: bits & HC_CAN_RAYS != 0,
         leaves_close: bits & HC_LEAVES_CLOSE != 0,
     }
 }

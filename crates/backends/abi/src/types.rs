@@ -21,6 +21,8 @@ pub const HC_NO_PATCH: u32 = 0xFFFF_FFFF;
 pub const HC_ESCAPED: u32 = 0xFFFF_FFFF;
 /// In an item buffer: the pixel hit the back of a one-sided surface.
 pub const HC_BLOCKED: u32 = 0xFFFF_FFFE;
+/// The answer to a ray that has no certain one.
+pub const HC_DOUBTFUL: u32 = 0xFFFF_FFFD;
 /// Parent of an octree's root.
 pub const HC_NO_NODE: u32 = 0xFFFF_FFFF;
 
@@ -52,6 +54,8 @@ pub const HC_CAN_PASSES: u64 = 16;
 /// Hemicubes with a surface above their plane and within 2⁻¹⁸ normalised units of their origin may be wrong: the host
 /// has them drawn on the processor. A host that does not know this bit asks for them all the same.
 pub const HC_LEAVES_CLOSE: u64 = 32;
+/// `rays` works.
+pub const HC_CAN_RAYS: u64 = 64;
 
 /// A device of none of the kinds below.
 pub const HC_DEVICE_OTHER: u32 = 0;
@@ -276,6 +280,31 @@ pub struct HcPass {
     pub open: *const u32,
 }
 
+/// Rays from one patch, and what they meet.
+///
+/// A ray meets the first surface strictly between its ends, but none of the emitter's, and none without a corner more
+/// than `plane_tolerance` above the emitter's plane. What rounding might decide is `HC_DOUBTFUL`, and the host's to
+/// decide: an edge, an end, the plane, and which of two surfaces is first within 40,000 × `plane_tolerance` of each
+/// other. A certain answer that is wrong makes a matrix wrong in silence.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct HcRays {
+    /// Bytes of this struct.
+    pub struct_size: u32,
+    /// The patch that they start from.
+    pub emitter: u32,
+    /// Normal of its plane, of unit length, on the side that the rays leave to.
+    pub normal: [f64; 3],
+    /// The plane: normal · p = `offset`.
+    pub offset: f64,
+    /// Number of rays.
+    pub ray_count: u64,
+    /// In: six numbers a ray: its start and its end.
+    pub ends: *const f64,
+    /// Out: the patch that each meets, `HC_BLOCKED` for a back, `HC_ESCAPED` for nothing, or `HC_DOUBTFUL`.
+    pub met: *mut u32,
+}
+
 /// Counters of a call. Zeroed by the host; a 0 counts for none.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -426,6 +455,8 @@ pub struct HcBackend {
             error: *mut HcError,
         ) -> HcStatus,
     >,
+    /// Casts rays. NULL, or not there, without `HC_CAN_RAYS`: the host then casts all rays itself. [session-thread]
+    pub rays: Option<unsafe extern "C" fn(session: *mut HcSession, rays: *mut HcRays, error: *mut HcError) -> HcStatus>,
 }
 
 /// Bytes of the smallest table: that of the first version, which ended at `close`.
@@ -454,6 +485,7 @@ const _: () = {
     assert!(size_of::<HcStageTimes>() == 64);
     assert!(size_of::<HcRows>() == 264);
     assert!(size_of::<HcPass>() == 152);
+    assert!(size_of::<HcRays>() == 64);
     assert!(TABLE_MIN == 80);
-    assert!(size_of::<HcBackend>() == 88);
+    assert!(size_of::<HcBackend>() == 96);
 };

@@ -3,8 +3,8 @@
 //! `BLESS=1 cargo test -p hemicube-abi --test header` writes it anew. Needs `cc` and `c++`.
 
 use hemicube_abi::types::{
-    HcBackend, HcCounters, HcDevice, HcError, HcHemicube, HcHost, HcNode, HcPass, HcRows, HcScene, HcSessionInfo,
-    HcSettings, HcStageTimes,
+    HcBackend, HcCounters, HcDevice, HcError, HcHemicube, HcHost, HcNode, HcPass, HcRays, HcRows, HcScene,
+    HcSessionInfo, HcSettings, HcStageTimes,
 };
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -113,6 +113,7 @@ fn layout() -> String {
         HcSettings { struct_size, resolution, culling, covered, weights }
         HcHemicube { emitter, reserved, origin, axes }
         HcPass { struct_size, reserved, origin, axes, normal, offset, word_count, open }
+        HcRays { struct_size, emitter, normal, offset, ray_count, ends, met }
         HcCounters {
             hemicubes, nodes_tested, nodes_outside, nodes_hidden, triangles_transformed, triangles_drawn, queries,
             bytes_read_back, reserved,
@@ -122,7 +123,7 @@ fn layout() -> String {
             struct_size, row_count, capacity, hemicubes, row_end, patches, visible, covered, escaped, blocked, counters,
             stage_times,
         }
-        HcBackend { abi_version, struct_size, name, version, devices, open, info, load, rows, items, close, pass }
+        HcBackend { abi_version, struct_size, name, version, devices, open, info, load, rows, items, close, pass, rays }
     }
     out
 }

@@ -5,6 +5,7 @@ use crate::compare::{
     tiny_count, tiny_found, unoccluded,
 };
 use crate::passes::{near_rays, some_near_rays};
+use crate::rays::certain_answers;
 use crate::scenes::TestScene;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings};
@@ -55,12 +56,14 @@ pub enum Check {
     Reference,
     /// What is seen through portals is what rays meet, in open pixels only.
     Passes,
+    /// Certain answers to rays are those in f64, and few are not certain.
+    Rays,
     /// Requests against the contract are refused, and the session stays usable.
     Refusals,
 }
 
 impl Check {
-    const ALL: [Self; 12] = [
+    const ALL: [Self; 13] = [
         Self::Contract,
         Self::Batches,
         Self::Repeat,
@@ -72,6 +75,7 @@ impl Check {
         Self::Tiny,
         Self::Reference,
         Self::Passes,
+        Self::Rays,
         Self::Refusals,
     ];
 
@@ -88,6 +92,7 @@ impl Check {
             Self::Tiny => "tiny",
             Self::Reference => "reference",
             Self::Passes => "passes",
+            Self::Rays => "rays",
             Self::Refusals => "refusals",
         }
     }
@@ -103,6 +108,7 @@ impl Check {
                 scene,
                 TestScene::Room | TestScene::Spheres | TestScene::Plates | TestScene::Soup
             ),
+            Self::Rays => scene != TestScene::EmptyRoom,
             Self::Refusals => scene == TestScene::Room,
             _ => true,
         }
@@ -161,6 +167,7 @@ pub fn run(case: Case, backend: &mut dyn HemicubeBackend, reference: &mut dyn He
         backend,
         model: &model,
         hemicubes: &hemicubes,
+        has_walls_on_walls: matches!(case.scene, TestScene::Towers | TestScene::Terrace),
     };
     match subject.run(case.check, reference) {
         Ok(outcome) => outcome,
@@ -173,6 +180,7 @@ struct Subject<'a> {
     backend: &'a mut dyn HemicubeBackend,
     model: &'a Model,
     hemicubes: &'a [Hemicube],
+    has_walls_on_walls: bool,
 }
 
 fn held(text: String) -> Result<Outcome, String> {
@@ -291,6 +299,18 @@ impl Subject<'_> {
                 }
                 self.passes(settings)
             }
+            Check::Rays => {
+                if !can.rays {
+                    return not_claimed("rays");
+                }
+                self.load(settings)?;
+                held(certain_answers(
+                    self.backend,
+                    self.model,
+                    self.hemicubes,
+                    self.has_walls_on_walls,
+                )?)
+            }
             Check::Refusals => held(self.refusals(settings)?),
         }
     }
@@ -315,6 +335,7 @@ impl Subject<'_> {
             backend,
             model: self.model,
             hemicubes: self.hemicubes,
+            has_walls_on_walls: self.has_walls_on_walls,
         }
     }
 

@@ -18,6 +18,7 @@
 mod cases;
 pub mod compare;
 mod passes;
+mod rays;
 pub mod scenes;
 
 pub use cases::{Case, Check, Outcome, cases, run};

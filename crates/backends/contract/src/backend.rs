@@ -286,6 +286,53 @@ impl Pass<'_> {
     }
 }
 
+/// Rays from one patch. Normalised coordinates.
+///
+/// The answer to a ray is the side of the first surface on it, strictly between its ends: the patch there, or
+/// [`Items::BLOCKED`](crate::face::Items::BLOCKED) for a back, or [`Items::ESCAPED`](crate::face::Items::ESCAPED) where
+/// there is none. Of a surface of the emitter, and of one with no corner more than the geometry's `plane_tolerance`
+/// above the emitter's plane, nothing is met. An answer that is not certain is [`Rays::DOUBTFUL`]: whoever asked decides
+/// that ray in f64. Uncertain is whatever rounding might decide: an edge, an end, the plane, and two surfaces within
+/// [`Rays::TIE`] of each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Rays<'a> {
+    /// Their own patch.
+    pub emitter: InputPatch,
+    /// Normal of the emitter's plane, of unit length, on the side that the rays leave to.
+    pub normal: DVec3,
+    /// The plane: `normal` · p = `offset`.
+    pub offset: f64,
+    /// Start and end of each.
+    pub ends: &'a [[DVec3; 2]],
+}
+
+impl Rays<'_> {
+    /// The answer to a ray that has no certain one.
+    pub const DOUBTFUL: u32 = u32::MAX - 2;
+    /// Distance along a ray within which another rule than the nearer place may decide, in parts of the geometry's
+    /// `plane_tolerance`: that of surfaces in one plane, seen at the flattest angle that is told from none.
+    pub const TIE: f64 = 4e4;
+
+    /// Refuses a missing patch, and what is not finite or of unit length. Every backend asks this before it casts.
+    ///
+    /// # Errors
+    /// [`BackendError::InvalidArgument`], saying what is wrong.
+    pub fn check(&self, patch_count: u32) -> Result<(), BackendError> {
+        let off = self.normal.length_squared() - 1.0;
+        let wrong = if self.emitter.0 >= patch_count {
+            let emitter = self.emitter.0;
+            format!("rays name patch {emitter} of a scene of {patch_count} patches")
+        } else if off.is_nan() || off.abs() > 1e-6 || !self.offset.is_finite() {
+            "the plane of rays is not finite, or its normal is not of unit length".to_owned()
+        } else if !self.ends.as_flattened().iter().all(|end| end.is_finite()) {
+            "an end of a ray is not finite".to_owned()
+        } else {
+            return Ok(());
+        };
+        Err(BackendError::InvalidArgument(wrong))
+    }
+}
+
 /// The choice to skip invisible subtrees. Rows are equal to the bit either way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culling {
@@ -338,6 +385,8 @@ pub struct Capabilities {
     pub lossless_culling: bool,
     /// [`HemicubeBackend::pass`] works.
     pub passes: bool,
+    /// [`HemicubeBackend::rays`] works.
+    pub rays: bool,
     /// [`crate::close`] hemicubes may be wrong; a processor is to draw them.
     pub leaves_close: bool,
 }
@@ -496,6 +545,19 @@ pub trait HemicubeBackend: Send {
         let _ = pass;
         Err(BackendError::Unsupported(format!(
             "backend `{}` does not draw what is seen through portals",
+            self.info().name
+        )))
+    }
+
+    /// Casts rays: the answer to each, see [`Rays`].
+    ///
+    /// # Errors
+    /// When nothing is loaded, the rays are against the contract ([`Rays::check`]), or the device fails;
+    /// [`BackendError::Unsupported`] without the capability.
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        let _ = rays;
+        Err(BackendError::Unsupported(format!(
+            "backend `{}` does not cast rays",
             self.info().name
         )))
     }

@@ -275,6 +275,7 @@ impl CpuBackend {
                     items: true,
                     lossless_culling: true,
                     passes: false,
+                    rays: false,
                     leaves_close: false,
                 },
                 preferred_rows: 16,

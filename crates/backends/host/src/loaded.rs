@@ -4,12 +4,13 @@
 use crate::load::{Library, until_nul};
 use hemicube_abi::types::{
     HC_ERROR_DEVICE_LOST, HC_ERROR_INTERNAL, HC_ERROR_INVALID_ARGUMENT, HC_ERROR_OUT_OF_MEMORY, HC_ERROR_PANIC,
-    HC_ERROR_UNSUPPORTED, HC_NO_NODE, HC_NO_PATCH, HC_OK, HcCounters, HcError, HcHemicube, HcNode, HcPass, HcRows,
-    HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
+    HC_ERROR_UNSUPPORTED, HC_NO_NODE, HC_NO_PATCH, HC_OK, HcCounters, HcError, HcHemicube, HcNode, HcPass, HcRays,
+    HcRows, HcScene, HcSession, HcSessionInfo, HcSettings, HcStageTimes, HcStatus,
 };
 use hemicube_abi::{CHOICES_SIZE, Device, capabilities_from_raw};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Pass, Rays, RenderSettings,
+    StageTimes,
 };
 use hemicube_contract::delta::DeltaTable;
 use hemicube_contract::face::{Items, pixel_count};
@@ -217,6 +218,8 @@ pub struct LoadedBackend {
     options: CString,
     /// True if passes are the host's, whatever the session can.
     leaves_passes: bool,
+    /// True if all rays are the host's.
+    leaves_rays: bool,
     /// NULL once it has been closed.
     session: *mut HcSession,
     /// Why it was closed, once it has failed for good.
@@ -284,6 +287,7 @@ impl LoadedBackend {
             device,
             options,
             leaves_passes: false,
+            leaves_rays: false,
             session: session.get(),
             failed: None,
             choices: Vec::new(),
@@ -301,6 +305,14 @@ impl LoadedBackend {
     pub fn without_passes(mut self) -> Self {
         self.leaves_passes = true;
         self.info.capabilities.passes = false;
+        self
+    }
+
+    /// The session without [`rays`](HemicubeBackend::rays): the host casts them.
+    #[must_use]
+    pub fn without_rays(mut self) -> Self {
+        self.leaves_rays = true;
+        self.info.capabilities.rays = false;
         self
     }
 
@@ -392,7 +404,11 @@ impl LoadedBackend {
         if self.info.capabilities.passes && self.library.table().pass.is_none() {
             return Err(self.defect("it claims passes through portals, but its table has no `pass`".to_owned()));
         }
+        if self.info.capabilities.rays && self.library.table().rays.is_none() {
+            return Err(self.defect("it claims rays, but its table has no `rays`".to_owned()));
+        }
         self.info.capabilities.passes &= !self.leaves_passes;
+        self.info.capabilities.rays &= !self.leaves_rays;
         Ok(())
     }
 
@@ -601,7 +617,7 @@ impl HemicubeBackend for LoadedBackend {
             self.device.clone(),
             options,
         )?;
-        other.leaves_passes = self.leaves_passes;
+        (other.leaves_passes, other.leaves_rays) = (self.leaves_passes, self.leaves_rays);
         other.load_with(loaded)?;
         Ok(Box::new(other))
     }
@@ -672,6 +688,45 @@ impl HemicubeBackend for LoadedBackend {
         let seen = written.map(|(pixel, &item)| if pass.is_open(pixel) { item } else { Items::ESCAPED });
         let seen = seen.collect();
         self.judged(Items { resolution, seen }, patch_count)
+    }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        let patch_count = self.loaded()?.geometry.patch_count;
+        rays.check(patch_count)?;
+        let Some(cast) = self.library.table().rays.filter(|_| self.info.capabilities.rays) else {
+            return Err(BackendError::Unsupported(format!(
+                "backend `{}` does not cast rays",
+                self.info.name
+            )));
+        };
+        let count = rays.ends.len();
+        let ends: Vec<f64> = rays.ends.as_flattened().iter().flat_map(|end| end.to_array()).collect();
+        #[allow(clippy::cast_possible_truncation, reason = "some dozens of bytes")]
+        let mut raw = Guarded::new(HcRays {
+            struct_size: size_of::<HcRays>() as u32,
+            emitter: rays.emitter.0,
+            normal: rays.normal.to_array(),
+            offset: rays.offset,
+            ray_count: count as u64,
+            ends: ends.as_ptr(),
+            met: self.items.prepare_with(count, UNWRITTEN),
+        });
+        // SAFETY: a function of the table, with its own session; the arrays are as long as the rays say.
+        let call = |session, error| unsafe { cast(session, raw.as_mut_ptr(), error) };
+        let result = self.call("rays", Box::new(call));
+        raw.check(&self.library, "rays");
+        self.items.check(&self.library, "met", "rays");
+        result?;
+        let met = self.items.written(count).to_vec();
+        let is_answer =
+            |&answer: &u32| answer < patch_count || [Items::ESCAPED, Items::BLOCKED, Rays::DOUBTFUL].contains(&answer);
+        match met.iter().position(|answer| !is_answer(answer)) {
+            None => Ok(met),
+            Some(ray) => Err(self.defect(format!(
+                "ray {ray} of {count} meets {}, which is no patch of a scene of {patch_count}",
+                met[ray]
+            ))),
+        }
     }
 }
 

@@ -90,7 +90,7 @@ pub enum OpenError {
     #[error("backend option `{0}`: a key and a value without `,` are needed, `key=value`, and each key once")]
     Option(String),
     /// A value that is no switch.
-    #[error("backend option `{0}`: `passes` is `on` or `off`")]
+    #[error("backend option `{0}`: `passes` and `rays` are `on` or `off`")]
     Switch(String),
 }
 
@@ -119,17 +119,21 @@ fn devices(there: &[Device]) -> String {
     names.join(", ")
 }
 
-/// Options of a session, from repeated `key=value`. The host's own are `device`, a number or a part of a name, and
-/// `passes`: `on` has the backend draw what is seen through portals, if it can; the host does by itself.
+/// Options of a session, from repeated `key=value`. The host's own are `device`, a number or a part of a name, and two
+/// that are `on` for what the host does by itself otherwise: `passes` has the backend draw what is seen through portals,
+/// if it can, `rays` has it cast rays.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options(BTreeMap<String, String>);
+
+/// What a backend does only where it is asked to.
+const SWITCHES: [&str; 2] = ["passes", "rays"];
 
 impl Options {
     /// Reads options, each `key=value`.
     ///
     /// # Errors
-    /// [`OpenError::Option`] for another form or a repeated key, [`OpenError::Switch`] for `passes` other than `on` and
-    /// `off`.
+    /// [`OpenError::Option`] for another form or a repeated key, [`OpenError::Switch`] for `passes` and `rays` other than
+    /// `on` and `off`.
     ///
     /// ```
     /// use hemicube_host::Options;
@@ -145,7 +149,7 @@ impl Options {
             let option = option.as_ref();
             let bad = || OpenError::Option(option.to_owned());
             let (key, value) = option.split_once('=').ok_or_else(bad)?;
-            if key == "passes" && !["on", "off"].contains(&value) {
+            if SWITCHES.contains(&key) && !["on", "off"].contains(&value) {
                 return Err(OpenError::Switch(option.to_owned()));
             }
             if key.is_empty() || option.contains([',', '\0']) {
@@ -158,10 +162,12 @@ impl Options {
         Ok(Self(options))
     }
 
-    /// Has the backend draw passes, if it can and no option says otherwise.
+    /// Has the backend draw passes and cast rays, if it can and no option says otherwise.
     #[must_use]
-    pub fn with_passes(mut self) -> Self {
-        self.0.entry("passes".to_owned()).or_insert_with(|| "on".to_owned());
+    pub fn with_passes_and_rays(mut self) -> Self {
+        for key in SWITCHES {
+            self.0.entry(key.to_owned()).or_insert_with(|| "on".to_owned());
+        }
         self
     }
 
@@ -174,13 +180,14 @@ impl Options {
         self.0.get("device").map(String::as_str)
     }
 
-    fn draws_passes(&self) -> bool {
-        self.0.get("passes").is_some_and(|value| value == "on")
+    fn is_on(&self, switch: &str) -> bool {
+        self.0.get(switch).is_some_and(|value| value == "on")
     }
 
     /// Returns all but the host's own, in the table's form.
     fn for_plugin(&self) -> String {
-        let pairs = self.0.iter().filter(|(key, _)| *key != "device" && *key != "passes");
+        let is_own = |key: &str| key == "device" || SWITCHES.contains(&key);
+        let pairs = self.0.iter().filter(|(key, _)| !is_own(key));
         let pairs: Vec<String> = pairs.map(|(key, value)| format!("{key}={value}")).collect();
         pairs.join(",")
     }
@@ -488,13 +495,15 @@ fn open_on(library: Arc<Library>, devices: Vec<Device>, options: &Options) -> Re
         });
     };
     let number = u32::try_from(chosen).unwrap_or(u32::MAX);
-    let opened = LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
+    let mut opened = LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
         .map_err(|source| OpenError::Backend { name, source })?;
-    Ok(if options.draws_passes() {
-        opened
-    } else {
-        opened.without_passes()
-    })
+    if !options.is_on("passes") {
+        opened = opened.without_passes();
+    }
+    if !options.is_on("rays") {
+        opened = opened.without_rays();
+    }
+    Ok(opened)
 }
 
 #[cfg(test)]

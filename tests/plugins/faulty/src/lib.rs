@@ -2,15 +2,16 @@
 //! `fault=NAME,after=CALLS`.
 //!
 //! Without a fault it is legal and sees nothing. With one that begins with `pass-` it sees what the built-in backend
-//! does, and draws passes by a ray a pixel. Panics come from the safe side, through the adapter of every backend
+//! does, and draws passes by a ray a pixel; with `rays-`, it casts rays. Panics come from the safe side, through the adapter of every backend
 //! in Rust; all other faults change the table's arrays afterwards, as a backend in C might.
 
 use hemicube_abi::contract::backend::{
-    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, WHOLE,
+    BackendError, BackendInfo, Capabilities, Counters, Geometry, Hemicube, HemicubeBackend, Pass, Rays, RenderSettings,
+    WHOLE,
 };
 use hemicube_abi::contract::face::{Face, Items, pixel_count};
 use hemicube_abi::contract::row::RowBlock;
-use hemicube_abi::types::{HcBackend, HcError, HcHemicube, HcHost, HcPass, HcRows, HcSession, HcStatus};
+use hemicube_abi::types::{HcBackend, HcError, HcHemicube, HcHost, HcPass, HcRays, HcRows, HcSession, HcStatus};
 use hemicube_abi::{Device, DeviceKind, Log, Options, Plugin};
 use hemicube_backend_cpu::CpuBackend;
 use std::collections::BTreeMap;
@@ -51,6 +52,7 @@ impl Plugin for Faulty {
                 items: true,
                 covered: true,
                 passes: true,
+                rays: true,
                 ..Capabilities::default()
             },
             max_resolution: 1024,
@@ -76,7 +78,10 @@ impl Plugin for Faulty {
             .clone_from(&fault);
         Ok(Self {
             info: Self::devices()?[device as usize].info::<Self>(),
-            seeing: fault.name.starts_with("pass-").then(|| (CpuBackend::new(), None)),
+            seeing: ["pass-", "rays-"]
+                .iter()
+                .any(|of| fault.name.starts_with(of))
+                .then(|| (CpuBackend::new(), None)),
             fault,
             calls: 0,
             pixels: 0,
@@ -196,6 +201,63 @@ impl HemicubeBackend for Faulty {
         }
         Ok(items)
     }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        let Some((_, Some(geometry))) = &self.seeing else {
+            return Ok(vec![Rays::DOUBTFUL; rays.ends.len()]);
+        };
+        let stretch = if self.fault.name == "rays-ignore-ends" {
+            20.0
+        } else {
+            1.0
+        };
+        let numbers = 0..rays.ends.len();
+        let mut met: Vec<u32> = numbers.map(|ray| first_met(geometry, rays, ray, stretch)).collect();
+        match self.fault.name.as_str() {
+            "rays-fail" => return Err(BackendError::DeviceLost("it was pulled out".to_owned())),
+            "rays-few" => met.truncate(rays.ends.len() / 2),
+            "rays-doubtful" => met.fill(Rays::DOUBTFUL),
+            "rays-out-of-range" => met.fill(geometry.patch_count),
+            "rays-escape" => met.fill(Items::ESCAPED),
+            "rays-wrong" => {
+                if let Some(last) = met.last_mut() {
+                    *last = u32::from(*last == 0);
+                }
+            }
+            _ => {}
+        }
+        Ok(met)
+    }
+}
+
+/// What a ray meets first, that many times as long.
+fn first_met(geometry: &Geometry, rays: &Rays<'_>, ray: usize, stretch: f64) -> u32 {
+    let [start, end] = rays.ends[ray];
+    let mut nearest = (1.0, Items::ESCAPED);
+    for surface in &geometry.surfaces {
+        let heights = surface.corners.map(|corner| rays.normal.dot(corner) - rays.offset);
+        let is_own = surface.front == rays.emitter || surface.back == Some(rays.emitter);
+        if is_own || heights.iter().all(|&height| height <= geometry.plane_tolerance) {
+            continue;
+        }
+        let along = (end - start) * stretch;
+        let [a, b, c] = surface.corners.map(|corner| corner - start);
+        let sides = [b.cross(c), c.cross(a), a.cross(b)].map(|edge| edge.dot(along));
+        let place = a.dot(b.cross(c)) / sides.iter().sum::<f64>();
+        let is_met = sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0);
+        if is_met && place > 0.0 && place < nearest.0 {
+            let back = surface.back.map_or(Items::BLOCKED, |patch| patch.0);
+            nearest = (
+                place,
+                if sides.iter().sum::<f64>() < 0.0 {
+                    surface.front.0
+                } else {
+                    back
+                },
+            );
+        }
+    }
+    nearest.1
 }
 
 /// What a ray through each open pixel's centre meets beyond the plane of a pass.
@@ -256,7 +318,7 @@ static OPENING: Mutex<Fault> = Mutex::new(Fault {
 /// Faults and calls of open sessions, by address.
 static SESSIONS: Mutex<BTreeMap<usize, (Fault, u64)>> = Mutex::new(BTreeMap::new());
 
-/// The table: the safe side's, with functions of our own before four of them.
+/// The table: the safe side's, with functions of our own before five of them.
 #[allow(non_upper_case_globals, reason = "the name is part of the ABI")]
 #[unsafe(no_mangle)]
 pub static hemicube_backend: HcBackend = HcBackend {
@@ -264,6 +326,7 @@ pub static hemicube_backend: HcBackend = HcBackend {
     rows: Some(rows),
     items: Some(items),
     pass: Some(pass),
+    rays: Some(rays),
     ..GOOD
 };
 
@@ -407,6 +470,21 @@ unsafe extern "C" fn pass(session: *mut HcSession, raw: *const HcPass, out: *mut
     if fault == "pass-past-items" {
         // SAFETY: a pass of the host's, and behind its item buffer of 32 pixels a word is a guard.
         unsafe { out.add(32 * usize::try_from((*raw).word_count).unwrap_or(0)).write(1) };
+    }
+    status
+}
+
+unsafe extern "C" fn rays(session: *mut HcSession, raw: *mut HcRays, error: *mut HcError) -> HcStatus {
+    let fault = fault_of(session);
+    if fault == "rays-unwritten" {
+        return 0;
+    }
+    let Some(good) = GOOD.rays else { return 5 };
+    // SAFETY: the host's own pointers, handed on.
+    let status = unsafe { good(session, raw, error) };
+    if fault == "rays-past" {
+        // SAFETY: rays of the host's, and behind their answers is a guard.
+        unsafe { (*raw).met.add(usize::try_from((*raw).ray_count).unwrap_or(0)).write(1) };
     }
     status
 }

@@ -213,7 +213,7 @@ pub(super) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
 
 /// Runs one case in this process, and prints its result.
 fn answer(arguments: &Arguments, case: &str) -> Result<Exit> {
-    let options = Options::parse(&arguments.backend_option)?.with_passes();
+    let options = Options::parse(&arguments.backend_option)?.with_passes_and_rays();
     let mut backend: Box<dyn HemicubeBackend> = if arguments.backend == BUILT_IN {
         Box::new(CpuBackend::new())
     } else {

@@ -1,0 +1,206 @@
+//! Rays against every triangle, in f64.
+
+use glam::DVec3;
+use hemicube::Model;
+use hemicube::backend::{BackendError, Geometry, Hemicube, HemicubeBackend, Rays};
+use hemicube::face::Items;
+use hemicube_scene::InputPatch;
+
+/// Rays of a patch.
+const RAYS: usize = 192;
+/// Share of the rays that may be doubtful. A choice: a backend that leaves more to the host is of no use, and one in f32
+/// leaves a fiftieth of this.
+const MOST_DOUBTFUL: f64 = 0.05;
+/// Likewise where walls lie on others: f32 cannot tell that these do not rise above a wall's horizon, so that all rays of
+/// such a wall are doubtful, of a quarter of the walls of a terrace.
+const MOST_DOUBTFUL_ON_WALLS: f64 = 0.3;
+
+/// The plane of a patch, as it looks, and its corners.
+fn plane(geometry: &Geometry, patch: InputPatch) -> Option<(DVec3, [DVec3; 3])> {
+    let mut surfaces = geometry.surfaces.iter();
+    let surface = surfaces.find(|s| s.front == patch || s.back == Some(patch))?;
+    let [a, b, c] = surface.corners;
+    let normal = (b - a).cross(c - a).try_normalize()?;
+    Some((if surface.front == patch { normal } else { -normal }, surface.corners))
+}
+
+/// Rays from all over a patch, more of them upright than flat; some end within the scene.
+fn ends(normal: DVec3, [a, b, c]: [DVec3; 3]) -> Vec<[DVec3; 2]> {
+    let (x, y) = normal.any_orthonormal_pair();
+    // Four numbers that fill the unit cube evenly (Kronecker's sequence, by roots of primes).
+    let numbers = |k: usize| [2f64, 3.0, 5.0, 7.0].map(|prime| (prime.sqrt() * (k + 1) as f64).fract());
+    let ends = |k: usize| {
+        let [mut s, mut t, u, v] = numbers(k);
+        if s + t > 1.0 {
+            (s, t) = (1.0 - s, 1.0 - t);
+        }
+        let start = a + (b - a) * s + (c - a) * t;
+        let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
+        let towards = (x * cos + y * sin) * u.sqrt() + normal * (1.0 - u).sqrt();
+        [start, start + towards * if k.is_multiple_of(3) { 0.3 } else { 4.0 }]
+    };
+    (0..RAYS).map(ends).collect()
+}
+
+/// What a ray meets.
+fn met(geometry: &Geometry, rays: &Rays<'_>, [start, end]: [DVec3; 2]) -> u32 {
+    let mut nearest = (1.0, Items::ESCAPED);
+    for surface in &geometry.surfaces {
+        let [a, b, c] = surface.corners;
+        let height = |p: DVec3| rays.normal.dot(p) - rays.offset;
+        let is_own = surface.front == rays.emitter || surface.back == Some(rays.emitter);
+        if is_own || height(a).max(height(b)).max(height(c)) <= geometry.plane_tolerance {
+            continue;
+        }
+        let normal = (b - a).cross(c - a);
+        let [at_start, at_end] = [start, end].map(|p| normal.dot(p - a));
+        let along = end - start;
+        let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| (q - start).cross(p - start).dot(along));
+        let is_within = sides.iter().all(|&s| s >= 0.0) || sides.iter().all(|&s| s <= 0.0);
+        let place = at_start / (at_start - at_end);
+        if is_within && at_start * at_end < 0.0 && place < nearest.0 {
+            let back = surface.back.map_or(Items::BLOCKED, |patch| patch.0);
+            nearest = (place, if at_start > 0.0 { surface.front.0 } else { back });
+        }
+    }
+    nearest.1
+}
+
+/// The number of doubtful answers; an error where a certain one is wrong.
+fn doubtful(answers: &[u32], geometry: &Geometry, rays: &Rays<'_>) -> Result<usize, String> {
+    if answers.len() != rays.ends.len() {
+        return Err(format!("{} answers to {} rays", answers.len(), rays.ends.len()));
+    }
+    let mut count = 0;
+    for (k, (&answer, &ends)) in answers.iter().zip(rays.ends).enumerate() {
+        if answer == Rays::DOUBTFUL {
+            count += 1;
+            continue;
+        }
+        let wanted = met(geometry, rays, ends);
+        if answer != wanted {
+            return Err(format!(
+                "ray {k} from patch {} certainly meets {answer}, it says; it meets {wanted}",
+                rays.emitter.0
+            ));
+        }
+    }
+    Ok(count)
+}
+
+/// Compares the answers to rays, and asks for some against the contract. The scene is loaded.
+///
+/// # Errors
+/// The first certain answer that is wrong, or too many doubtful ones.
+pub(crate) fn certain_answers(
+    backend: &mut dyn HemicubeBackend,
+    model: &Model,
+    hemicubes: &[Hemicube],
+    has_walls_on_walls: bool,
+) -> Result<String, String> {
+    let geometry = model.geometry();
+    let mut cast = |rays: &Rays<'_>| backend.rays(rays);
+    let said = |error: BackendError| format!("`rays` failed: {error}");
+    let (mut all, mut left) = (0, 0);
+    for emitter in hemicubes.iter().filter_map(|hemicube| hemicube.emitter) {
+        let Some((normal, corners)) = plane(geometry, emitter) else {
+            continue;
+        };
+        let ends = ends(normal, corners);
+        let rays = Rays {
+            emitter,
+            normal,
+            offset: normal.dot(corners[0]),
+            ends: &ends,
+        };
+        let answers = cast(&rays).map_err(said)?;
+        left += doubtful(&answers, geometry, &rays)?;
+        all += ends.len();
+        let some = Rays {
+            ends: &ends[70..],
+            ..rays
+        };
+        if cast(&some).map_err(said)? != answers[70..] {
+            return Err(format!("rays from patch {}: fewer at once, other answers", emitter.0));
+        }
+        let none = Rays { ends: &[], ..rays };
+        if !cast(&none).map_err(said)?.is_empty() {
+            return Err("answers without a ray".to_owned());
+        }
+        for (what, wrong) in [
+            (
+                "a patch that does not exist",
+                Rays {
+                    emitter: InputPatch(geometry.patch_count),
+                    ..rays
+                },
+            ),
+            (
+                "a normal without length",
+                Rays {
+                    normal: DVec3::ZERO,
+                    ..rays
+                },
+            ),
+            (
+                "an end that is not finite",
+                Rays {
+                    ends: &[[DVec3::ZERO, DVec3::NAN]],
+                    ..rays
+                },
+            ),
+        ] {
+            match cast(&wrong) {
+                Err(BackendError::InvalidArgument(_)) => {}
+                Err(other) => return Err(format!("{what}: refused, but as another error: {other}")),
+                Ok(_) => return Err(format!("{what} was not refused")),
+            }
+        }
+    }
+    let share = left as f64 / all.max(1) as f64;
+    let most = if has_walls_on_walls {
+        MOST_DOUBTFUL_ON_WALLS
+    } else {
+        MOST_DOUBTFUL
+    };
+    if share > most {
+        return Err(format!("{left} of {all} rays are doubtful: more than {most}"));
+    }
+    Ok(format!(
+        "{all} rays, {share:.1e} of them doubtful, the others as in f64"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenes::TestScene;
+
+    #[test]
+    fn one_wrong_answer_is_found_and_a_doubtful_one_is_counted() {
+        for scene in [TestScene::Room, TestScene::Plates] {
+            let model = scene.model();
+            let geometry = model.geometry();
+            let emitter = scene.hemicubes(&model)[3].emitter.expect("a patch");
+            let (normal, corners) = plane(geometry, emitter).expect("it has area");
+            let ends = ends(normal, corners);
+            let offset = normal.dot(corners[0]);
+            let rays = Rays {
+                emitter,
+                normal,
+                offset,
+                ends: &ends,
+            };
+            let right: Vec<u32> = ends.iter().map(|&ends| met(geometry, &rays, ends)).collect();
+            assert_eq!(doubtful(&right, geometry, &rays), Ok(0));
+            for ray in [0, 7, RAYS - 1] {
+                let mut wrong = right.clone();
+                wrong[ray] = Rays::DOUBTFUL;
+                assert_eq!(doubtful(&wrong, geometry, &rays), Ok(1));
+                wrong[ray] = u32::from(right[ray] == 0);
+                doubtful(&wrong, geometry, &rays).expect_err("another patch");
+            }
+            doubtful(&right[1..], geometry, &rays).expect_err("an answer is missing");
+        }
+    }
+}
