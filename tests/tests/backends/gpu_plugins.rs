@@ -61,9 +61,11 @@ fn keeps_the_conformance_suite(name: &str, options: &[&str]) -> Vec<String> {
 }
 
 /// Claims every case of two scenes, between them all checks but one (`rows.rs` of each backend has that), and keeps it.
+/// Rays are not for OpenGL.
 fn keeps_the_conformance_suite_of_two_scenes(name: &str) {
     for scene in ["room/*", "towers/*"] {
-        let unclaimed = keeps_the_conformance_suite(name, &["--only", scene]);
+        let mut unclaimed = keeps_the_conformance_suite(name, &["--only", scene]);
+        unclaimed.retain(|line| name != "gl" || !line.contains("/rays"));
         assert!(unclaimed.is_empty(), "{name} is to claim all: {unclaimed:?}");
     }
 }
@@ -84,10 +86,11 @@ fn wgpu_keeps_the_conformance_suite_of_two_scenes() {
 }
 
 #[test]
-#[ignore = "65 cases of a process each, over drivers that render on the processor: ./test --full"]
+#[ignore = "73 cases of a process each, over drivers that render on the processor: ./test --full"]
 fn each_keeps_all_of_the_conformance_suite() {
     for name in NAMES {
-        let unclaimed = keeps_the_conformance_suite(name, &[]);
+        let mut unclaimed = keeps_the_conformance_suite(name, &[]);
+        unclaimed.retain(|line| name != "gl" || !line.contains("/rays"));
         assert!(unclaimed.is_empty(), "{name} is to claim all: {unclaimed:?}");
     }
 }

@@ -72,6 +72,8 @@ fn capabilities(dense: bool) -> Capabilities {
         covered: !dense,
         tiny_patches: !dense,
         passes: !dense,
+        // A choice: rays are for Vulkan and wgpu, which all devices that gain by them have.
+        rays: false,
         leaves_close: !dense,
         ..CAPABILITIES
     }

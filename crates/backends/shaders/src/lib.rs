@@ -17,6 +17,8 @@
 //! `keep_tiles ▶ tiny_of_all ▶ compact ▶ cover_tiles ▶ pack`. Each thread owns pixels of a tile and keeps the nearest
 //! triangle, of equally near ones the smaller id, so that any order gives the same row. Passes are drawn.
 //!
+//! Rays go through one stage, `cast_rays` ([`rays`]), with a tree of their own.
+//!
 //! Ids are drawn by one list of indirect draws, in the order of [`Upload::chunks`], into a cleared depth buffer. The
 //! nearer depth wins; of equal depths the first drawn stays. A row therefore does not depend on culling.
 //!
@@ -44,6 +46,7 @@ pub mod limits;
 pub mod options;
 pub mod output;
 pub mod pass;
+pub mod rays;
 pub mod recording;
 pub mod session;
 pub mod stage;

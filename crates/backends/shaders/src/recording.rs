@@ -251,7 +251,7 @@ pub fn compute_stages(draw: Draw, edges: Edges, copies_depths: &[bool]) -> Vec<&
         .filter(|stage| stage.kind == Kind::Compute)
         .filter(|stage| match stage.file {
             _ if draw == Draw::Compute => BY_COMPUTE.contains(&stage.entry),
-            "tiles" | "covered" => false,
+            "tiles" | "covered" | "rays" => false,
             "tiny" => stage.entry == stage::TINY.entry,
             "reduce" => edges == Edges::Driver,
             "settle" => edges == Edges::Exact,

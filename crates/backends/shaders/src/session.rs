@@ -23,13 +23,14 @@ pub fn version(draw: Draw, edges: Edges) -> String {
     version.to_string_lossy().into_owned()
 }
 
-/// Covered weights, sub-pixel patches, item buffers, culling invisible in rows, and passes; close hemicubes are left.
+/// Covered weights, sub-pixel patches, item buffers, culling invisible in rows, passes and rays; close hemicubes are left.
 pub const CAPABILITIES: Capabilities = Capabilities {
     covered: true,
     tiny_patches: true,
     items: true,
     lossless_culling: true,
     passes: true,
+    rays: true,
     leaves_close: true,
 };
 

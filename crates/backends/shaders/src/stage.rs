@@ -184,6 +184,9 @@ stages! {
     /// [`COVER`] by compute. Groups: any number, layers.
     COVER_TILES: "covered" "cover_tiles" Compute
         reads [SETTINGS VIEWS ITEMS WEIGHTS VERTICES INDICES TRIANGLE_OF_PATCH ENTRIES TOTALS] writes [HIDDEN];
+    /// The first surface on each ray, see [`crate::rays`]. Groups: [`crate::rays::groups`].
+    CAST_RAYS: "rays" "cast_rays" Compute
+        reads [RAY_NODES RAY_TRIANGLES RAYS] writes [MET];
 }
 
 /// Binding numbers. [`VIEW`](binding::VIEW) is in group 0, with a dynamic offset; all others are in group 1.
@@ -249,8 +252,16 @@ pub mod binding {
     pub const SIDES: u32 = 28;
     /// Written image: the item buffer again. In GLSL image unit 0, because image units are few.
     pub const SETTLED_ITEMS: u32 = 29;
-    /// One past the last.
+    /// One past the last of hemicubes. Rays have sets of their own.
     pub const COUNT: u32 = 30;
+    /// Storage: [`RayTree::nodes`](crate::rays::RayTree::nodes).
+    pub const RAY_NODES: u32 = 30;
+    /// Storage: [`RayTree::triangles`](crate::rays::RayTree::triangles).
+    pub const RAY_TRIANGLES: u32 = 31;
+    /// Storage: [`RayTree::words`](crate::rays::RayTree::words).
+    pub const RAYS: u32 = 32;
+    /// Storage, read by the host: the answer to each ray.
+    pub const MET: u32 = 33;
     /// The textures. All others are storage buffers, but for the uniforms and [`SETTLED_ITEMS`].
     pub const TEXTURES: [u32; 2] = [DEPTHS, ITEMS];
 }

@@ -21,6 +21,7 @@ mod conv;
 mod cull;
 mod device;
 mod options;
+mod rays;
 mod reduce;
 mod render;
 mod upload;
@@ -30,7 +31,7 @@ use cull::Judge;
 use device::{Buffer, Gpu, Place};
 use hemicube_abi::{Device, Log, Plugin, export_backend};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RESOLUTIONS, RenderSettings,
+    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RESOLUTIONS, Rays, RenderSettings,
     StageTimes,
 };
 use hemicube_contract::face::{Items, pixel_count};
@@ -116,6 +117,8 @@ struct Loaded {
     first_depths: Option<Buffer>,
     /// A copy of the item buffer for the host; made by the first.
     items_copy: Option<Buffer>,
+    /// What casts rays; made by the first.
+    caster: Option<rays::Caster>,
     gpu: Arc<Gpu>,
 }
 
@@ -320,6 +323,7 @@ impl Loaded {
             scene,
             first_depths: None,
             items_copy: None,
+            caster: None,
             gpu: Arc::clone(gpu),
         })
     }
@@ -491,6 +495,14 @@ impl Loaded {
         self.read_items()
     }
 
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        let caster = match self.caster.take() {
+            Some(caster) => caster,
+            None => rays::Caster::new(&self.gpu, &self.geometry)?,
+        };
+        self.caster.insert(caster).cast(rays)
+    }
+
     /// Reads the item buffer of the first layer.
     fn read_items(&mut self) -> Result<Items, BackendError> {
         let n = self.settings.resolution;
@@ -607,6 +619,13 @@ impl HemicubeBackend for Session {
         let loaded = self.checked(&[])?;
         pass.check(loaded.settings.resolution)?;
         let done = loaded.pass(pass);
+        self.settle(done)
+    }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        let loaded = self.checked(&[])?;
+        rays.check(loaded.geometry.patch_count)?;
+        let done = loaded.rays(rays);
         self.settle(done)
     }
 }

@@ -201,6 +201,11 @@ impl Device {
         session::preferred_rows(self.limits.batch)
     }
 
+    /// Returns the longest range of a storage buffer, in bytes.
+    pub(crate) fn storage_range(&self) -> u64 {
+        self.limits.storage_range
+    }
+
     /// Returns the limits at a resolution.
     pub(crate) fn limits_for(&self, resolution: u32) -> Limits {
         // wgpu copies rows of multiples of 256 bytes only; the copy has no gaps between rows.

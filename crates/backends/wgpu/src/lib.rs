@@ -27,6 +27,7 @@ mod conv;
 mod cull;
 mod device;
 mod options;
+mod rays;
 mod reduce;
 mod render;
 mod upload;
@@ -35,7 +36,8 @@ use cull::Policy;
 use device::{Compiler, Device};
 use hemicube_abi::{Log, Plugin};
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Pass, Rays, RenderSettings,
+    StageTimes,
 };
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
@@ -122,6 +124,8 @@ pub struct Session {
     view_layout: BindGroupLayout,
     stages: Stages,
     loaded: Option<Loaded>,
+    /// See [`open_with_fault`].
+    fault: Option<(String, String)>,
 }
 
 impl std::fmt::Debug for Session {
@@ -149,6 +153,8 @@ struct Loaded {
     first_depths: Option<FirstDepths>,
     /// A copy of the item buffer for the host; made by the first.
     items_copy: Option<wgpu::Buffer>,
+    /// What casts rays; made by the first.
+    caster: Option<rays::Caster>,
 }
 
 impl Session {
@@ -179,7 +185,7 @@ impl Session {
             label: Some("view"),
             entries: &[conv::view_layout()],
         });
-        let mut compiler = Compiler::new(&device, &view_layout, fault);
+        let mut compiler = Compiler::new(&device, &view_layout, fault.clone());
         let stages = Stages::new(&mut compiler, options.draw, options.edges);
         device.check()?;
         let info = BackendInfo {
@@ -198,6 +204,7 @@ impl Session {
             stages,
             device,
             loaded: None,
+            fault,
         })
     }
 
@@ -228,6 +235,7 @@ impl Session {
             loaded.sides = [first, second];
             // It may be on its way to the host.
             loaded.items_copy = None;
+            loaded.caster = None;
             self.loaded = Some(loaded);
         }
     }
@@ -361,6 +369,21 @@ impl Loaded {
         self.read_items(device, encoder)
     }
 
+    fn rays(
+        &mut self,
+        device: &Device,
+        compiler: &mut Compiler<'_>,
+        rays: &Rays<'_>,
+    ) -> Result<Vec<u32>, BackendError> {
+        let caster = match self.caster.take() {
+            Some(caster) => caster,
+            None => rays::Caster::new(device, compiler, &self.geometry)?,
+        };
+        // No submission is under way.
+        let view = &self.sides[0].view_group;
+        self.caster.insert(caster).cast(device, view, rays)
+    }
+
     /// Sends commands, and reads the item buffer of the first layer after them.
     fn read_items(&mut self, device: &Device, mut encoder: wgpu::CommandEncoder) -> Result<Items, BackendError> {
         let n = self.plan.resolution;
@@ -431,6 +454,7 @@ impl HemicubeBackend for Session {
             times: StageTimes::default(),
             first_depths: None,
             items_copy: None,
+            caster: None,
         });
         Ok(())
     }
@@ -498,5 +522,17 @@ impl HemicubeBackend for Session {
             self.give_up();
         }
         items
+    }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        self.device.check()?;
+        let loaded = self.loaded.as_mut().ok_or_else(not_loaded)?;
+        rays.check(loaded.geometry.patch_count)?;
+        let mut compiler = Compiler::new(&self.device, &self.view_layout, self.fault.clone());
+        let met = loaded.rays(&self.device, &mut compiler, rays);
+        if met.is_err() {
+            self.give_up();
+        }
+        met
     }
 }

@@ -1,0 +1,199 @@
+//! Rays for the device, and its answers: [`stage::CAST_RAYS`](crate::stage::CAST_RAYS).
+//!
+//! Corners, starts and directions are rounded to f32, and a device may round each operation either way and put them in
+//! another order. Every decision therefore has a bound on its error, and is a certain one only beyond it, as in a filter
+//! of geometric predicates (Shewchuk 1997). A ray with a decision that is not certain and may matter is left to the host.
+//!
+//! Coordinates are at most 1, but for rounding. A triangle's corners, relative to the start, are sheared along the ray so
+//! that it passes through (0, 0) (Woop, Benthin & Wald 2013). With m for the largest coordinate of a relative corner:
+//!
+//! - A sheared coordinate is off by 2⁻²⁴ (2 + 2) for rounded corners and starts, and for its five operations, each off by
+//!   2⁻²³ of a number up to 2m, or up to 1 where they are put in another order: by less than η = 2⁻²⁰ (1 + m).
+//! - The product of two of them, x y' − y x', is off by η Σ |x| and two roundings of products; 2 η Σ |x| + 10⁻⁹ is more.
+//!   10⁻⁹ is also more than the rounding of the host's test in f64, with its own margin.
+//! - Depth is that of corners weighted by these products, so that it is off by their errors, relative to their sum, times
+//!   the range of the corners' depths, and by 2 η. A height above the emitter's plane is off by 2 η.
+//!
+//! No corners in pairs of f32, which would make η relative to m alone, because they take twice the memory, and few rays
+//! are doubtful without ([docs/dev/gpu.md](../../../../docs/dev/gpu.md)).
+
+use glam::DVec3;
+use hemicube_contract::backend::{Geometry, Rays};
+use hemicube_contract::bvh::{INNER, LANES, Tree, UNUSED};
+use hemicube_contract::face::Items;
+use std::sync::Arc;
+
+/// Rays of a dispatch at most. A choice: buffers for more stay empty, as no patch casts more at once; fewer make more
+/// dispatches, each waited for.
+pub const MOST_RAYS: usize = 1 << 17;
+/// Threads of a work group.
+pub const GROUP: u32 = 64;
+/// Words before the rays, and of each.
+const HEADER_WORDS: usize = 8;
+const RAY_WORDS: usize = 8;
+/// Words of the largest dispatch.
+pub const MOST_WORDS: usize = HEADER_WORDS + RAY_WORDS * MOST_RAYS;
+
+/// The contract's tree in the device's words.
+#[derive(Debug)]
+pub struct RayTree {
+    /// Eight a node: middle and half sides of its box, with the first child or triangle, and the number of triangles, 0
+    /// for an inner node.
+    pub nodes: Vec<u32>,
+    /// Twelve a triangle: its corners, with the id seen from either side; see [`hemicube_contract::bvh::Block`].
+    pub triangles: Vec<u32>,
+    /// Distance within which a rule of ties may decide.
+    tie: f64,
+    plane_tolerance: f64,
+}
+
+/// Rounds to nearest.
+#[allow(clippy::cast_possible_truncation, reason = "the bounds know of it")]
+fn rounded(x: f64) -> u32 {
+    (x as f32).to_bits()
+}
+
+/// Rounds a positive number up.
+#[allow(clippy::cast_possible_truncation, reason = "raised by more than it loses")]
+fn raised(x: f64) -> u32 {
+    ((x * (1.0 + 1e-6)) as f32).to_bits()
+}
+
+impl RayTree {
+    /// The tree of a scene, made when first asked for.
+    pub fn of(geometry: &Geometry) -> Arc<Self> {
+        geometry.kept(|geometry| Self::new(&Tree::of(geometry)))
+    }
+
+    fn new(tree: &Tree) -> Self {
+        let mut triangles = Vec::new();
+        // First triangle and number of each block.
+        let mut runs = Vec::with_capacity(tree.blocks.len());
+        let mut first = 0;
+        for block in &tree.blocks {
+            let mut count = 0;
+            for lane in (0..LANES).filter(|&lane| block.negative[lane] != UNUSED) {
+                let id = |id: u32| if id == tree.patch_count { Items::BLOCKED } else { id };
+                let besides = [id(block.negative[lane]), id(block.positive[lane]), 0];
+                for (corner, besides) in block.triangle(lane).into_iter().zip(besides) {
+                    triangles.extend(corner.to_array().map(rounded));
+                    triangles.push(besides);
+                }
+                count += 1;
+            }
+            runs.push((first, count));
+            first += count;
+        }
+        let nodes = tree.nodes.iter().flat_map(|node| {
+            let (place, count) = if node.block == INNER {
+                (node.child, 0)
+            } else {
+                runs[node.block as usize]
+            };
+            let center = node.center.to_array().map(rounded);
+            let moved = DVec3::from_array(center.map(|word| f64::from(f32::from_bits(word)))) - node.center;
+            let half = (node.half + moved.abs()).to_array().map(raised);
+            [center[0], center[1], center[2], place, half[0], half[1], half[2], count]
+        });
+        Self {
+            nodes: nodes.collect(),
+            triangles,
+            tie: Rays::TIE * tree.plane_tolerance,
+            plane_tolerance: tree.plane_tolerance,
+        }
+    }
+
+    /// The words of at most [`MOST_RAYS`] rays of a patch, with those of all before them.
+    pub fn words(&self, rays: &Rays<'_>, ends: &[[DVec3; 2]]) -> Vec<u32> {
+        let [x, y, z] = rays.normal.to_array().map(rounded);
+        let count = u32::try_from(ends.len()).unwrap_or(u32::MAX);
+        let header = [
+            x,
+            y,
+            z,
+            rounded(self.plane_tolerance),
+            rays.emitter.0,
+            count,
+            raised(self.tie),
+            0,
+        ];
+        let mut words = Vec::with_capacity(HEADER_WORDS + RAY_WORDS * ends.len());
+        words.extend(header);
+        for &[start, end] in ends {
+            let along = end - start;
+            let axis = (0..3).fold(0, |best, k| if along[k].abs() > along[best].abs() { k } else { best });
+            let depth = along[axis].abs();
+            // Left to the host: without length, so long that f32 has no place on it, or from where the bounds do not hold.
+            let is_left = !(1e-30..=1e6).contains(&depth) || start.abs().max_element() > 1.0 + 1e-6;
+            let depth = if is_left { -1.0 } else { depth };
+            let shear = [(axis + 1) % 3, (axis + 2) % 3].map(|k| rounded(along[k] / along[axis]));
+            let bits = [0, 1, 2][axis] | u32::from(along[axis] < 0.0) << 2;
+            let height = rays.normal.dot(start) - rays.offset;
+            let [x, y, z] = start.to_array().map(rounded);
+            words.extend([x, y, z, rounded(depth), shear[0], shear[1], bits, rounded(height)]);
+        }
+        words
+    }
+}
+
+/// Work groups for so many rays.
+pub fn groups(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX).div_ceil(GROUP)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hemicube_contract::InputPatch;
+
+    #[test]
+    fn boxes_of_f32_hold_those_of_f64() {
+        let p = |k: u32| DVec3::new(0.1, 0.3, 0.7) * (f64::from(k).sin() / 3.0);
+        let surfaces: Vec<_> = (0..200)
+            .map(|k| hemicube_contract::backend::Surface {
+                corners: [p(k), p(k + 1) + DVec3::X * 0.1, p(k + 2) + DVec3::Y * 0.1],
+                front: InputPatch(k),
+                back: None,
+            })
+            .collect();
+        let tree = Tree::of_surfaces(&surfaces, 200, 1e-10);
+        let made = RayTree::new(&tree);
+        let value = |word: u32| f64::from(f32::from_bits(word));
+        for (node, words) in tree.nodes.iter().zip(made.nodes.chunks_exact(8)) {
+            for k in 0..3 {
+                let (center, half) = (value(words[k]), value(words[4 + k]));
+                assert!(
+                    center - half <= node.center[k] - node.half[k] && node.center[k] + node.half[k] <= center + half
+                );
+            }
+        }
+        assert_eq!(made.triangles.len(), 12 * 200);
+        let counted: u32 = made.nodes.chunks_exact(8).map(|node| node[7]).sum();
+        assert_eq!(counted, 200, "each triangle in one leaf");
+    }
+
+    #[test]
+    fn rays_that_f32_cannot_hold_are_left() {
+        let surface = hemicube_contract::backend::Surface {
+            corners: [DVec3::ZERO, DVec3::X, DVec3::Y],
+            front: InputPatch(0),
+            back: None,
+        };
+        let tree = RayTree::new(&Tree::of_surfaces(&[surface], 1, 1e-10));
+        let ends = [
+            [DVec3::ZERO, DVec3::Z],
+            [DVec3::ZERO, DVec3::ZERO],
+            [DVec3::ZERO, DVec3::Z * 1e7],
+            [DVec3::X * 1.1, DVec3::Z],
+        ];
+        let rays = Rays {
+            emitter: InputPatch(0),
+            normal: DVec3::Z,
+            offset: 0.0,
+            ends: &ends,
+        };
+        let words = tree.words(&rays, &ends);
+        let depths: Vec<f32> = words[8..].chunks_exact(8).map(|ray| f32::from_bits(ray[3])).collect();
+        assert_eq!(depths, [1.0, -1.0, -1.0, -1.0]);
+    }
+}
