@@ -41,6 +41,7 @@
 //! unselected patches in view, by 256 to 131,072 rays from all over the patch (`ray_shares`). These rays also find rows
 //! of centroids in a solid, which get up to sixteen hemicubes, and patches in view that a row lacks.
 
+pub(crate) mod caster;
 pub(crate) mod closing;
 pub mod correct;
 pub mod error_model;

@@ -19,6 +19,7 @@ use crate::report::{
 use crate::shell::word;
 use crate::verify::{Verification, Verify};
 use anyhow::{Context, Result, anyhow, bail};
+use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Counters, Culling, HemicubeBackend};
 use hemicube::driver::compute::{Plan, Progress, RowChoice, Summary};
 use hemicube::driver::glazing::matrix_of_band;
@@ -580,6 +581,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     tell_taken(arguments, &run, update.as_deref(), talk);
     tell_backend(&run, &prepared, talk);
     tell_composed(&run, talk);
+    tell_rays(&run, talk);
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
     if let Some(limit) = arguments.patches.memory {
         let rows = forecast_rows(&run, entries_per_row, arguments.batch);
@@ -797,6 +799,17 @@ fn tell_composed(run: &Run<'_>, talk: Talk) {
         talk.detail(&format!(
             "`{backend}` renders what is seen directly; what is seen through mirrors and panes is followed on the \
              processor"
+        ));
+    }
+}
+
+/// Tells where rays are the backend's.
+fn tell_rays(run: &Run<'_>, talk: Talk) {
+    let backend = run.backend().info();
+    if backend.capabilities.rays && run.plan.correction != Correction::Pixel {
+        let name = &backend.name;
+        talk.detail(&format!(
+            "`{name}` casts the rays that measure what escapes and is blocked; those it cannot decide are the processor's"
         ));
     }
 }

@@ -9,6 +9,7 @@
 //! that part of the emitter in the whole.
 
 use crate::Model;
+use crate::accuracy::caster::Caster;
 use crate::accuracy::closing::Lacking;
 pub use crate::accuracy::error_model::PriorVariances;
 use crate::accuracy::grain::Grain;
@@ -16,7 +17,7 @@ use crate::accuracy::ray_shares::{self, NONE_MET, RayShares};
 pub use crate::accuracy::refine::Refinement;
 use crate::accuracy::refine::{Pair, Refined, Refiner, insert, sees, sum_of};
 use crate::accuracy::row::Emitter;
-use crate::backend::{Hemicube, WHOLE};
+use crate::backend::{BackendError, Hemicube, WHOLE};
 use crate::bvh::Tree;
 use crate::factor::PointFactors;
 use crate::row::RowView;
@@ -325,11 +326,15 @@ impl<'c> Converter<'c> {
     ///
     /// `receives` tells the patches with a column. An inconsistent row is left unfinished if another attempt follows,
     /// and is finished at the last one.
+    ///
+    /// # Errors
+    /// That of a device that casts rays.
     pub(crate) fn convert<'r>(
         &mut self,
         rendered: Rendered<'_, impl Iterator<Item = RowView<'r>>>,
         receives: impl Fn(u32) -> bool,
-    ) -> Converted {
+        mut caster: Caster<'_>,
+    ) -> Result<Converted, BackendError> {
         let Rendered {
             model,
             emitter,
@@ -355,13 +360,13 @@ impl<'c> Converter<'c> {
         row.shares = weights.shares;
         let Correction::Tolerance(refinement) = self.correction else {
             self.pixel(&mut row);
-            return Converted {
+            return Ok(Converted {
                 row,
                 partial: 0,
                 is_odd: false,
                 lost: weights.lost,
                 cut_short: false,
-            };
+            });
         };
         let mut balance = SumBalance {
             model,
@@ -372,6 +377,7 @@ impl<'c> Converter<'c> {
             found: self.ray_shares,
             met: std::mem::take(&mut self.met),
             crossed: None,
+            caster: &mut caster,
         };
         let corrected = self.tolerance(&weights, attempt, &mut balance, &mut row);
         let factors = row.factors.as_slice().sum();
@@ -390,13 +396,14 @@ impl<'c> Converter<'c> {
         self.met = balance.met;
         row.errors = RowErrors::from_array([norm, sum, escaped]);
         row.rays = corrected.rays;
-        Converted {
+        caster.end()?;
+        Ok(Converted {
             row,
             partial: corrected.partial as u64,
             is_odd: weights.is_inconsistent_with(factors),
             lost: weights.lost,
             cut_short: corrected.cut_short,
-        }
+        })
     }
 
     /// The level *tolerance*.
@@ -404,7 +411,7 @@ impl<'c> Converter<'c> {
         &mut self,
         weights: &Weights,
         attempt: Attempt,
-        balance: &mut SumBalance<'_, impl Fn(u32) -> bool>,
+        balance: &mut SumBalance<'_, '_, impl Fn(u32) -> bool>,
         finished: &mut FinishedRow,
     ) -> Corrected {
         let is_strict = attempt.is_last && !self.correction.is_in_the_open();
@@ -422,7 +429,7 @@ impl<'c> Converter<'c> {
             })
         };
         let adds_up = !refiner.measures_each() && weights.sees_anything;
-        let finish = |refiner: &mut Refiner<'_>, balance: &mut SumBalance<'_, _>, is_strict: bool| {
+        let finish = |refiner: &mut Refiner<'_>, balance: &mut SumBalance<'_, '_, _>, is_strict: bool| {
             let (model, emitter) = (balance.model, balance.emitter);
             let usual = refiner.make_strict(is_strict);
             let mut refined = refiner.row(model, emitter, seen(), attempt.is_large, &balance.receives);
@@ -591,7 +598,7 @@ impl<'c> Converter<'c> {
 
 /// The balance ΣF + escaped + blocked + unselected = 1 of a row, with the non-visible shares by rays where the
 /// hemicubes' do not do.
-struct SumBalance<'a, R> {
+struct SumBalance<'a, 's, R> {
     model: &'a Model,
     emitter: InputPatch,
     /// The hemicubes' shares.
@@ -606,9 +613,11 @@ struct SumBalance<'a, R> {
     met: Vec<u32>,
     /// Whether a one-sided surface crosses the emitter, where that was asked.
     crossed: Option<bool>,
+    /// What casts rays beside the processor.
+    caster: &'a mut Caster<'s>,
 }
 
-impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
+impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
     /// The rays cast from this patch so far.
     fn cast(&self) -> Option<RayShares> {
         self.found
@@ -641,7 +650,13 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     /// Casts rays until there are as many as `wanted` says, or their bound is met; `None` for a patch without area.
     fn refined_until(&mut self, emitter: &Emitter<'_>, wanted: impl Fn(&RayShares) -> f64) -> Option<RayShares> {
         let mut found = self.look(emitter)?;
-        found.refine(emitter, self.permitted, wanted, noting(&self.receives, &mut self.met));
+        found.refine(
+            emitter,
+            self.permitted,
+            wanted,
+            self.caster,
+            noting(&self.receives, &mut self.met),
+        );
         self.found = Some((self.emitter, found));
         Some(found)
     }
@@ -718,7 +733,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
     fn look(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
         self.cast().or_else(|| {
             self.met.clear();
-            RayShares::look(emitter, noting(&self.receives, &mut self.met))
+            RayShares::look(emitter, self.caster, noting(&self.receives, &mut self.met))
         })
     }
 
@@ -735,7 +750,13 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, R> {
         while is_much(count, &found) {
             let before = self.met.len();
             let wanted = NONE_MET / permitted;
-            if !found.go_on(emitter, self.permitted, wanted, noting(&self.receives, &mut self.met)) {
+            if !found.go_on(
+                emitter,
+                self.permitted,
+                wanted,
+                self.caster,
+                noting(&self.receives, &mut self.met),
+            ) {
                 break;
             }
             count += count_of(&self.met[before..]);

@@ -6,10 +6,13 @@
 //! distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance X (1 − X) n^(−5/4) of a
 //! share X.
 
+use crate::accuracy::caster::Caster;
 use crate::accuracy::ladder::{self, rays_to_leave};
 use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
+use crate::backend::Rays;
 use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
+use crate::face::Items;
 use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
 use crate::sampling::splitmix;
@@ -18,11 +21,14 @@ use crate::visibility::nearest::nearest_of;
 use crate::visibility::segments::Segment;
 use crate::visibility::spaces::{Spaces, cross_each_other};
 use crate::visibility::wide::WideTree;
+use glam::DVec3;
 
 /// Number of rays that look for shares a hemicube did not see: as many as meet a share of twice the permitted error of the
 /// default, 4 %, in 93 of 100 rows, (1 − 0.04)⁶⁴ = 0.07.
 const FIRST: usize = 64;
-/// Number of rays of a measurement at least: a standard error of 0.016.
+/// Number of rays of a measurement at least: a standard error of 0.016. They are the processor's and tell what a ray
+/// costs, whoever casts the others. A choice: more leave less to a device, of fewer it would get batches too small to
+/// fill it.
 const LEAST: usize = 4 * FIRST;
 /// Number of rays at most: as many as know any share to a third of 0.1 %. Entries know sums better that are asked for
 /// more.
@@ -149,9 +155,13 @@ impl RayShares {
     }
 
     /// Casts the first rays from a patch. `None` for a patch without area.
-    pub(crate) fn look(emitter: &Emitter<'_>, receives: impl FnMut(u32) -> bool) -> Option<Self> {
+    pub(crate) fn look(
+        emitter: &Emitter<'_>,
+        caster: &mut Caster<'_>,
+        receives: impl FnMut(u32) -> bool,
+    ) -> Option<Self> {
         let mut found = Self::default();
-        found.cast(emitter, FIRST, receives);
+        found.cast(emitter, FIRST, caster, receives);
         (found.rays > 0).then_some(found)
     }
 
@@ -161,9 +171,10 @@ impl RayShares {
         emitter: &Emitter<'_>,
         permitted: f64,
         wanted: impl Fn(&Self) -> f64,
+        caster: &mut Caster<'_>,
         mut receives: impl FnMut(u32) -> bool,
     ) {
-        while self.go_on(emitter, permitted, wanted(self), &mut receives) {}
+        while self.go_on(emitter, permitted, wanted(self), caster, &mut receives) {}
     }
 
     /// Casts rays up the [`ladder`] to `wanted`; returns false where there are as many. There are 256 at least, and at most
@@ -174,19 +185,29 @@ impl RayShares {
         emitter: &Emitter<'_>,
         permitted: f64,
         wanted: f64,
+        caster: &mut Caster<'_>,
         receives: impl FnMut(u32) -> bool,
     ) -> bool {
         let sure = rays_to_leave((permitted / ERRORS).powi(2) / 0.25);
         let paid = self.rays_of_blocks(steps_beside(permitted));
-        let Some(next) = ladder::next(self.rays, whole_net(wanted.min(sure).min(paid)), MOST, BATCH) else {
+        let next = ladder::next(self.rays, whole_net(wanted.min(sure).min(paid)), MOST, BATCH);
+        let Some(next) = next.filter(|_| paid > self.rays as f64) else {
             return false;
         };
-        self.cast(emitter, next, receives);
+        self.cast(emitter, next, caster, receives);
         true
     }
 
-    /// Casts rays until there are `wanted`. `receives` is asked of each patch met and tells the patches with a column. None from a patch without area.
-    fn cast(&mut self, emitter: &Emitter<'_>, wanted: usize, mut receives: impl FnMut(u32) -> bool) {
+    /// Casts rays until there are `wanted`. `receives` is asked of each patch met and tells the patches with a column.
+    /// None from a patch without area. Those after the first [`LEAST`] are the caster's where there is one, and the
+    /// processor's where it has no certain answer.
+    fn cast(
+        &mut self,
+        emitter: &Emitter<'_>,
+        wanted: usize,
+        caster: &mut Caster<'_>,
+        mut receives: impl FnMut(u32) -> bool,
+    ) {
         let geometry = emitter.model.geometry();
         let (tree, wide) = (
             Tree::of(geometry),
@@ -202,26 +223,53 @@ impl RayShares {
             offset: normal.dot(a),
         };
         let sequence = Sequence::new(u64::from(emitter.number()).wrapping_mul(splitmix::STEP));
-        let spaces = Spaces::of(emitter.model);
-        let is_closed = spaces.is_closed(emitter.patch.0);
-        let is_apart = |id| id >= tree.patch_count || spaces.separate(emitter.patch.0, id);
-        let mut pending = Vec::new();
-        for at in (self.rays..wanted).step_by(BATCH) {
+        // The ends of the rays from this number on.
+        let ends_of = |at: usize| -> [[DVec3; 2]; BATCH] {
             let u = sequence.points(at);
-            for l in 0..BATCH {
+            std::array::from_fn(|l| {
                 let (s, t) = fold(u[0][l], u[1][l]);
                 let from = a + (b - a) * s + (c - a) * t;
                 let (sin, cos) = (std::f64::consts::TAU * u[3][l]).sin_cos();
                 let radius = u[2][l].sqrt();
                 let towards = (x * cos + y * sin) * radius + normal * (1.0 - u[2][l]).sqrt();
-                let ends = [from, from + towards * FAR];
-                WideTree::begin(&mut pending);
-                let segment = Segment::new(ends[0], ends[1], tree.plane_tolerance);
-                let next = |until: f64| wide.next(&segment, until, &mut pending);
-                let mut blocks = 0;
-                let met = nearest_of(&tree, ends, &horizon, is_apart, next, &mut blocks);
-                self.blocks += if at < LEAST { blocks } else { 0 };
-                match met.map(|met| met.id) {
+                [from, from + towards * FAR]
+            })
+        };
+        let first_given = LEAST.max(self.rays);
+        let mut given = Vec::new();
+        if caster.is_there() && wanted > first_given {
+            let ends: Vec<_> = (first_given..wanted).step_by(BATCH).flat_map(ends_of).collect();
+            given = caster.cast(&Rays {
+                emitter: emitter.patch,
+                normal,
+                offset: horizon.offset,
+                ends: &ends,
+            });
+        }
+        let spaces = Spaces::of(emitter.model);
+        let is_closed = spaces.is_closed(emitter.patch.0);
+        let is_apart = |id| id >= tree.patch_count || spaces.separate(emitter.patch.0, id);
+        let mut pending = Vec::new();
+        for at in (self.rays..wanted).step_by(BATCH) {
+            let mut ends = None;
+            for l in 0..BATCH {
+                let answer = (at + l).checked_sub(first_given).and_then(|place| given.get(place));
+                let id = match answer.copied().unwrap_or(Rays::DOUBTFUL) {
+                    Items::ESCAPED => None,
+                    Items::BLOCKED => Some(tree.patch_count),
+                    Rays::DOUBTFUL => {
+                        let ends = ends.get_or_insert_with(|| ends_of(at))[l];
+                        WideTree::begin(&mut pending);
+                        let segment = Segment::new(ends[0], ends[1], tree.plane_tolerance);
+                        let next = |until: f64| wide.next(&segment, until, &mut pending);
+                        let mut blocks = 0;
+                        let met = nearest_of(&tree, ends, &horizon, is_apart, next, &mut blocks);
+                        self.blocks += if at < LEAST { blocks } else { 0 };
+                        met.map(|met| met.id)
+                    }
+                    id => Some(id),
+                };
+                match id {
                     // A ray that leaves a closed space went through a seam of its walls, to their backs.
                     None => self.met[usize::from(is_closed)] += 1,
                     Some(id) if is_apart(id) => self.met[1] += 1,
@@ -273,14 +321,20 @@ mod tests {
     use super::*;
     use crate::Model;
     use crate::model::tests::of_triangles;
-    use glam::DVec3;
     use hemicube_scene::InputPatch;
 
     const PERMITTED: f64 = 0.01;
 
     fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
-        let mut found = RayShares::look(emitter, &receives)?;
-        found.refine(emitter, permitted, |found| found.for_shares(0.8 * permitted), receives);
+        let caster = &mut Caster::none();
+        let mut found = RayShares::look(emitter, caster, &receives)?;
+        found.refine(
+            emitter,
+            permitted,
+            |found| found.for_shares(0.8 * permitted),
+            caster,
+            receives,
+        );
         Some(found)
     }
 

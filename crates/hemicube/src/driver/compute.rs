@@ -8,6 +8,7 @@
 //! of work, and the collector puts batches back in order.
 
 use crate::Model;
+use crate::accuracy::caster::Caster;
 use crate::accuracy::correct::{Attempt, Converter, Correction, Rendered};
 use crate::accuracy::grain::MOST_PER_EDGE;
 use crate::backend::{BackendError, Counters, Hemicube, HemicubeBackend, RenderSettings};
@@ -783,7 +784,9 @@ impl<'a> Worker<'a> {
             attempt,
         };
         let mut taken = None;
-        let mut converted = self.converter.convert(rendered, receives);
+        let caster = Caster::new(self.session.as_mut());
+        let converted = self.converter.convert(rendered, receives, caster);
+        let mut converted = converted.map_err(|source| failed(self.session.as_ref(), source))?;
         for (place, &per_edge) in attempts.iter().enumerate() {
             if !converted.is_odd {
                 break;
@@ -803,7 +806,8 @@ impl<'a> Worker<'a> {
                 attempt,
             };
             let lost = converted.lost;
-            converted = self.converter.convert(rendered, receives);
+            let again = self.converter.convert(rendered, receives, Caster::new(session));
+            converted = again.map_err(|source| failed(session, source))?;
             taken = Some(more);
             if matches!(plan.correction, Correction::Tolerance(_)) && (converted.lost - lost).abs() > LOST {
                 break;
