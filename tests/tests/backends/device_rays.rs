@@ -1,0 +1,118 @@
+//! Rays that measure shares, on a device: rows are those of the processor's rays, to the bit, and few rays are left to
+//! it.
+
+use hemicube::Model;
+use hemicube::backend::{
+    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Rays, RenderSettings,
+};
+use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
+use hemicube::row::RowBlock;
+use hemicube::store::Part;
+use hemicube_scene::Subdivision;
+use hemicube_scene::generate::{self, Kind};
+use hemicube_tests::devices::is_there;
+use hemicube_tests::plugins::{rust, try_session};
+use hemicube_tests::rows::{Rung, parts, settings};
+use hemicube_tests::scenes::{generated, model, say};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Share of the rays that may be left to the processor.
+const MOST_DOUBTFUL: f64 = 0.05;
+
+/// Rays that were cast, and those that were doubtful.
+type Counts = Arc<[AtomicU64; 2]>;
+
+/// A session whose answers to rays are counted.
+struct Counted(Box<dyn HemicubeBackend>, Counts);
+
+impl HemicubeBackend for Counted {
+    fn info(&self) -> &BackendInfo {
+        self.0.info()
+    }
+
+    fn load(&mut self, geometry: &Arc<Geometry>, settings: RenderSettings) -> Result<(), BackendError> {
+        self.0.load(geometry, settings)
+    }
+
+    fn fork(&self) -> Result<Box<dyn HemicubeBackend>, BackendError> {
+        Ok(Box::new(Self(self.0.fork()?, Arc::clone(&self.1))))
+    }
+
+    fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
+        self.0.rows(hemicubes, out)
+    }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        let met = self.0.rays(rays)?;
+        let doubtful = met.iter().filter(|&&met| met == Rays::DOUBTFUL).count();
+        for (count, more) in self.1.iter().zip([met.len(), doubtful]) {
+            count.fetch_add(more as u64, Ordering::Relaxed);
+        }
+        Ok(met)
+    }
+}
+
+/// Four rows of a scene at 0.3 %, as a driver that renders on the processor takes 20 µs a ray,, by a plugin with these options, and its rays.
+fn rows(name: &str, options: &[&str], model: &Model, threads: usize) -> (Vec<Part>, [u64; 2]) {
+    let session = try_session(&rust(name), options).expect("it opened before");
+    let counts = Counts::default();
+    let backend = Box::new(Counted(Box::new(session), Arc::clone(&counts)));
+    let rung = Rung::tolerance(3e-3);
+    let some = RowChoice::Sample { count: 4, seed: 1 };
+    let plan = Plan::new(model, some, Selection::default(), 1, true).with_correction(rung.correction);
+    let execution = Execution {
+        threads,
+        batch: 0,
+        cancel: None,
+    };
+    let (parts, _) = parts(model, &plan, settings(rung.resolution), backend, execution).expect("a sound run");
+    (parts, [0, 1].map(|k| counts[k].load(Ordering::Relaxed)))
+}
+
+fn casts_rays_to_the_bit(name: &str, options: &[&str]) {
+    let opened = try_session(&rust(name), options);
+    let opened = opened.map(|session| Box::new(session) as Box<dyn HemicubeBackend>);
+    if !is_there(
+        name,
+        &opened.map_err(|error| BackendError::Unsupported(error.to_string())),
+    ) {
+        return;
+    }
+    for (scene, model) in [
+        ("city", generated(Kind::City, 600)),
+        ("towers", generated(Kind::BlockCity, 6_000)),
+        ("box", self::model(generate::cornell_box_open(), Subdivision::Levels(2))),
+    ] {
+        let (without, none) = rows(name, options, &model, 1);
+        assert_eq!(none, [0, 0], "rays are cast by the device only where it is asked to");
+        let with_rays = [options, &["rays=on"]].concat();
+        let (with, [cast, doubtful]) = rows(name, &with_rays, &model, 2);
+        assert!(with == without, "{name}, {scene}: rays change rows");
+        let share = doubtful as f64 / cast as f64;
+        say(&format!("{name}, {scene}: {cast} rays, {share:.1e} of them doubtful"));
+        assert!(
+            cast > 5_000 && share < MOST_DOUBTFUL,
+            "{name}, {scene}: {doubtful} of {cast}"
+        );
+    }
+}
+
+#[test]
+fn vulkan_casts_rays_to_the_bit() {
+    casts_rays_to_the_bit("vulkan", &[]);
+}
+
+/// Where the layer is installed, its messages are errors.
+#[test]
+fn vulkan_casts_rays_under_the_validation_layer() {
+    match try_session(&rust("vulkan"), &["validation=on"]) {
+        Ok(_) => casts_rays_to_the_bit("vulkan", &["validation=on"]),
+        Err(error) => say(&format!("SKIP validation: {error}")),
+    }
+}
+
+#[test]
+fn wgpu_casts_rays_to_the_bit() {
+    casts_rays_to_the_bit("wgpu", &[]);
+}
