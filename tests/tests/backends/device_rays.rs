@@ -13,6 +13,7 @@ use hemicube_scene::generate::{self, Kind};
 use hemicube_tests::devices::is_there;
 use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::rows::{Rung, parts, settings};
+use hemicube_tests::runs::{Place, assert_same};
 use hemicube_tests::scenes::{generated, model, say};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -53,13 +54,13 @@ impl HemicubeBackend for Counted {
     }
 }
 
-/// Four rows of a scene at 0.3 %, as a driver that renders on the processor takes 20 µs a ray,, by a plugin with these options, and its rays.
+/// Some rows of a scene at 0.3 %, by a plugin with these options, and its rays.
 fn rows(name: &str, options: &[&str], model: &Model, threads: usize) -> (Vec<Part>, [u64; 2]) {
     let session = try_session(&rust(name), options).expect("it opened before");
     let counts = Counts::default();
     let backend = Box::new(Counted(Box::new(session), Arc::clone(&counts)));
     let rung = Rung::tolerance(3e-3);
-    let some = RowChoice::Sample { count: 4, seed: 1 };
+    let some = RowChoice::Sample { count: 12, seed: 1 };
     let plan = Plan::new(model, some, Selection::default(), 1, true).with_correction(rung.correction);
     let execution = Execution {
         threads,
@@ -96,6 +97,22 @@ fn casts_rays_to_the_bit(name: &str, options: &[&str]) {
             "{name}, {scene}: {doubtful} of {cast}"
         );
     }
+    the_program_casts_rays_to_the_bit(name);
+}
+
+/// The program's rows with and without, where a plugin's session may be one of two.
+fn the_program_casts_rays_to_the_bit(name: &str) {
+    let place = Place::new();
+    place.line("generate city --patches 600 -o city.obj").is(0);
+    let plugin = rust(name);
+    let folder = plugin.parent().expect("a folder").display();
+    let compute = format!(
+        "HEMICUBE_BACKEND_PATH={folder} compute city.obj --tolerance 0.3% --rows 12 -v --backend {name} --backend-option"
+    );
+    place.line(&format!("{compute} rays=off -o off")).is(0);
+    let with = place.line(&format!("{compute} rays=on -o on")).is(0);
+    with.says(&["casts the rays that measure what escapes and is blocked"]);
+    assert_same(&place.path("off/parts"), &place.path("on/parts"));
 }
 
 #[test]

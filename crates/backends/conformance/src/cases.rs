@@ -167,7 +167,6 @@ pub fn run(case: Case, backend: &mut dyn HemicubeBackend, reference: &mut dyn He
         backend,
         model: &model,
         hemicubes: &hemicubes,
-        has_walls_on_walls: matches!(case.scene, TestScene::Towers | TestScene::Terrace),
     };
     match subject.run(case.check, reference) {
         Ok(outcome) => outcome,
@@ -180,7 +179,6 @@ struct Subject<'a> {
     backend: &'a mut dyn HemicubeBackend,
     model: &'a Model,
     hemicubes: &'a [Hemicube],
-    has_walls_on_walls: bool,
 }
 
 fn held(text: String) -> Result<Outcome, String> {
@@ -304,12 +302,7 @@ impl Subject<'_> {
                     return not_claimed("rays");
                 }
                 self.load(settings)?;
-                held(certain_answers(
-                    self.backend,
-                    self.model,
-                    self.hemicubes,
-                    self.has_walls_on_walls,
-                )?)
+                held(certain_answers(self.backend, self.model, self.hemicubes)?)
             }
             Check::Refusals => held(self.refusals(settings)?),
         }
@@ -335,7 +328,6 @@ impl Subject<'_> {
             backend,
             model: self.model,
             hemicubes: self.hemicubes,
-            has_walls_on_walls: self.has_walls_on_walls,
         }
     }
 

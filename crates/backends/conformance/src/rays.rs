@@ -8,12 +8,10 @@ use hemicube_scene::InputPatch;
 
 /// Rays of a patch.
 const RAYS: usize = 192;
-/// Share of the rays that may be doubtful. A choice: a backend that leaves more to the host is of no use, and one in f32
-/// leaves a fiftieth of this.
-const MOST_DOUBTFUL: f64 = 0.05;
-/// Likewise where walls lie on others: f32 cannot tell that these do not rise above a wall's horizon, so that all rays of
-/// such a wall are doubtful, of a quarter of the walls of a terrace.
-const MOST_DOUBTFUL_ON_WALLS: f64 = 0.3;
+/// Share of the rays that may be doubtful. A choice: a backend that leaves more to the host is of no use. One in f32
+/// leaves a thousandth, but all rays of a patch that others lie on or touch within its roundings: one in twenty patches
+/// of towers and of a terrace.
+const MOST_DOUBTFUL: f64 = 0.1;
 
 /// The plane of a patch, as it looks, and its corners.
 fn plane(geometry: &Geometry, patch: InputPatch) -> Option<(DVec3, [DVec3; 3])> {
@@ -96,7 +94,6 @@ pub(crate) fn certain_answers(
     backend: &mut dyn HemicubeBackend,
     model: &Model,
     hemicubes: &[Hemicube],
-    has_walls_on_walls: bool,
 ) -> Result<String, String> {
     let geometry = model.geometry();
     let mut cast = |rays: &Rays<'_>| backend.rays(rays);
@@ -158,13 +155,8 @@ pub(crate) fn certain_answers(
         }
     }
     let share = left as f64 / all.max(1) as f64;
-    let most = if has_walls_on_walls {
-        MOST_DOUBTFUL_ON_WALLS
-    } else {
-        MOST_DOUBTFUL
-    };
-    if share > most {
-        return Err(format!("{left} of {all} rays are doubtful: more than {most}"));
+    if share > MOST_DOUBTFUL {
+        return Err(format!("{left} of {all} rays are doubtful: more than {MOST_DOUBTFUL}"));
     }
     Ok(format!(
         "{all} rays, {share:.1e} of them doubtful, the others as in f64"

@@ -2,7 +2,7 @@
 
 use crate::CpuBackend;
 use hemicube_contract::backend::{
-    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Pass, RenderSettings, StageTimes,
+    BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Pass, Rays, RenderSettings, StageTimes,
 };
 use hemicube_contract::close::is_close;
 use hemicube_contract::delta::DeltaTable;
@@ -137,6 +137,10 @@ impl HemicubeBackend for Both {
 
     fn pass(&mut self, pass: &Pass<'_>) -> Result<Items, BackendError> {
         self.device.pass(pass)
+    }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        self.device.rays(rays)
     }
 
     fn draws_once(&self) -> bool {

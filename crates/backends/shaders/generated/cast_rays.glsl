@@ -142,10 +142,10 @@ vec3 turned_back(vec3 v_7, uint axis_1) {
 
 Ray ray_of(uint at) {
     Ray ray = Ray(vec3(0.0), vec3(0.0), vec3(0.0), vec2(0.0), 0u, 0.0, 0.0, 0.0);
-    uvec4 first_2 = _group_1_binding_32_cs[(2u + (2u * at))];
-    uvec4 _e14 = _group_1_binding_32_cs[(3u + (2u * at))];
+    uvec4 first_2 = _group_1_binding_32_cs[(4u + (2u * at))];
+    uvec4 _e14 = _group_1_binding_32_cs[(5u + (2u * at))];
     vec4 second = uintBitsToFloat(_e14);
-    uint bits = _group_1_binding_32_cs[(3u + (2u * at))].z;
+    uint bits = _group_1_binding_32_cs[(5u + (2u * at))].z;
     ray.start = uintBitsToFloat(first_2.xyz);
     ray.end = uintBitsToFloat(first_2.w);
     ray.shear = second.xy;
@@ -196,152 +196,168 @@ First meet(Ray ray_2, uint at_1, First before) {
     First first = First(0u, 0.0, 0.0, 0.0);
     bool local = false;
     bool local_1 = false;
-    float low_3 = 0.0;
-    float high_3 = 0.0;
     bool local_2 = false;
     bool local_3 = false;
+    float low_3 = 0.0;
+    float high_3 = 0.0;
     bool local_4 = false;
     bool local_5 = false;
     bool local_6 = false;
+    bool local_7 = false;
+    bool local_8 = false;
     first = before;
     uint emitter = _group_1_binding_32_cs[1].x;
     uvec4 words_a = _group_1_binding_31_cs[(3u * at_1)];
     uvec4 words_b = _group_1_binding_31_cs[((3u * at_1) + 1u)];
     uvec4 words_c = _group_1_binding_31_cs[((3u * at_1) + 2u)];
-    if (!((words_a.w == emitter))) {
-        local = (words_b.w == emitter);
+    uvec4 _e29 = _group_1_binding_32_cs[2];
+    if (!(any(equal(_e29, uvec4(at_1))))) {
+        uvec4 _e38 = _group_1_binding_32_cs[3];
+        local = any(equal(_e38, uvec4(at_1)));
     } else {
         local = true;
     }
-    bool _e35 = local;
-    if (_e35) {
-        First _e36 = first;
-        return _e36;
+    bool is_below = local;
+    if (!((words_a.w == emitter))) {
+        local_1 = (words_b.w == emitter);
+    } else {
+        local_1 = true;
+    }
+    bool _e52 = local_1;
+    if (!(_e52)) {
+        local_2 = is_below;
+    } else {
+        local_2 = true;
+    }
+    bool _e57 = local_2;
+    if (_e57) {
+        First _e58 = first;
+        return _e58;
     }
     vec3 a = (uintBitsToFloat(words_a.xyz) - ray_2.start);
     vec3 b = (uintBitsToFloat(words_b.xyz) - ray_2.start);
     vec3 c = (uintBitsToFloat(words_c.xyz) - ray_2.start);
-    float _e50 = largest(abs(a));
-    float _e52 = largest(abs(b));
-    float _e54 = largest(abs(c));
-    float far = max(_e50, max(_e52, _e54));
+    float _e72 = largest(abs(a));
+    float _e74 = largest(abs(b));
+    float _e76 = largest(abs(c));
+    float far = max(_e72, max(_e74, _e76));
     float eta_1 = (SLACK * (1.0 + far));
-    uvec4 _e63 = _group_1_binding_32_cs[0];
-    vec4 plane_2 = uintBitsToFloat(_e63);
-    float _e72 = largest(vec3(dot(plane_2.xyz, a), dot(plane_2.xyz, b), dot(plane_2.xyz, c)));
-    float height_1 = ((_e72 + ray_2.height) - plane_2.w);
+    uvec4 _e85 = _group_1_binding_32_cs[0];
+    vec4 plane_2 = uintBitsToFloat(_e85);
+    float _e94 = largest(vec3(dot(plane_2.xyz, a), dot(plane_2.xyz, b), dot(plane_2.xyz, c)));
+    float height_1 = ((_e94 + ray_2.height) - plane_2.w);
     if ((height_1 < (-2.0 * eta_1))) {
-        First _e80 = first;
-        return _e80;
+        First _e102 = first;
+        return _e102;
     }
-    vec3 _e82 = turned(a, ray_2.axis);
-    vec3 _e84 = turned(b, ray_2.axis);
-    vec3 _e86 = turned(c, ray_2.axis);
-    vec2 pa = (_e82.xy - (ray_2.shear * _e82.z));
-    vec2 pb = (_e84.xy - (ray_2.shear * _e84.z));
-    vec2 pc = (_e86.xy - (ray_2.shear * _e86.z));
-    float _e102 = cross_of(pb, pc);
-    float _e103 = cross_of(pc, pa);
-    float _e104 = cross_of(pa, pb);
-    vec3 sides = vec3(_e102, _e103, _e104);
-    float _e106 = error_of(pb, pc, eta_1);
-    float _e107 = error_of(pc, pa, eta_1);
-    float _e108 = error_of(pa, pb, eta_1);
-    vec3 errors = vec3(_e106, _e107, _e108);
+    vec3 _e104 = turned(a, ray_2.axis);
+    vec3 _e106 = turned(b, ray_2.axis);
+    vec3 _e108 = turned(c, ray_2.axis);
+    vec2 pa = (_e104.xy - (ray_2.shear * _e104.z));
+    vec2 pb = (_e106.xy - (ray_2.shear * _e106.z));
+    vec2 pc = (_e108.xy - (ray_2.shear * _e108.z));
+    float _e124 = cross_of(pb, pc);
+    float _e125 = cross_of(pc, pa);
+    float _e126 = cross_of(pa, pb);
+    vec3 sides = vec3(_e124, _e125, _e126);
+    float _e128 = error_of(pb, pc, eta_1);
+    float _e129 = error_of(pc, pa, eta_1);
+    float _e130 = error_of(pa, pb, eta_1);
+    vec3 errors = vec3(_e128, _e129, _e130);
     vec3 over = (sides - errors);
     vec3 under = (sides + errors);
-    float _e112 = largest(over);
-    if ((_e112 > 0.0)) {
-        float _e117 = smallest(under);
-        local_1 = (_e117 < 0.0);
+    float _e134 = largest(over);
+    if ((_e134 > 0.0)) {
+        float _e139 = smallest(under);
+        local_3 = (_e139 < 0.0);
     } else {
-        local_1 = false;
+        local_3 = false;
     }
-    bool _e121 = local_1;
-    if (_e121) {
-        First _e122 = first;
-        return _e122;
+    bool _e143 = local_3;
+    if (_e143) {
+        First _e144 = first;
+        return _e144;
     }
-    vec3 depths = (ray_2.sign_ * vec3(_e82.z, _e84.z, _e86.z));
-    float _e129 = smallest(depths);
-    float _e130 = largest(depths);
-    low_3 = (_e129 - (2.0 * eta_1));
-    high_3 = (_e130 + (2.0 * eta_1));
+    vec3 depths = (ray_2.sign_ * vec3(_e104.z, _e106.z, _e108.z));
+    float _e151 = smallest(depths);
+    float _e152 = largest(depths);
+    low_3 = (_e151 - (2.0 * eta_1));
+    high_3 = (_e152 + (2.0 * eta_1));
     float volume = ((sides.x + sides.y) + sides.z);
     float error_1 = ((errors.x + errors.y) + errors.z);
     if ((abs(volume) > (2.0 * error_1))) {
-        float depth_1 = (_e129 + (dot(sides, (depths - vec3(_e129))) / volume));
-        float off = ((((2.0 * error_1) * (_e130 - _e129)) / (abs(volume) - error_1)) + (2.0 * eta_1));
-        float _e168 = low_3;
-        low_3 = max(_e168, (depth_1 - off));
-        float _e171 = high_3;
-        high_3 = min(_e171, (depth_1 + off));
+        float depth_1 = (_e151 + (dot(sides, (depths - vec3(_e151))) / volume));
+        float off = ((((2.0 * error_1) * (_e152 - _e151)) / (abs(volume) - error_1)) + (2.0 * eta_1));
+        float _e190 = low_3;
+        low_3 = max(_e190, (depth_1 - off));
+        float _e193 = high_3;
+        high_3 = min(_e193, (depth_1 + off));
     }
-    float _e174 = high_3;
-    if (!((_e174 < 0.0))) {
-        float _e180 = low_3;
-        local_2 = (_e180 > (ray_2.end * 1.000001));
+    float _e196 = high_3;
+    if (!((_e196 < 0.0))) {
+        float _e202 = low_3;
+        local_4 = (_e202 > (ray_2.end * 1.000001));
     } else {
-        local_2 = true;
+        local_4 = true;
     }
-    bool _e186 = local_2;
-    if (_e186) {
-        First _e187 = first;
-        return _e187;
+    bool _e208 = local_4;
+    if (_e208) {
+        First _e209 = first;
+        return _e209;
     }
-    float _e188 = smallest(over);
-    if (!((_e188 > 0.0))) {
-        float _e194 = largest(under);
-        local_3 = (_e194 < 0.0);
+    float _e210 = smallest(over);
+    if (!((_e210 > 0.0))) {
+        float _e216 = largest(under);
+        local_5 = (_e216 < 0.0);
     } else {
-        local_3 = true;
+        local_5 = true;
     }
-    bool is_within = local_3;
-    float _e199 = low_3;
-    if ((_e199 > 0.0)) {
-        float _e204 = high_3;
-        local_4 = (_e204 < (ray_2.end * 0.999999));
-    } else {
-        local_4 = false;
-    }
-    bool is_between = local_4;
-    if (is_within) {
-        local_5 = is_between;
-    } else {
-        local_5 = false;
-    }
-    bool _e214 = local_5;
-    if (_e214) {
-        local_6 = (height_1 > (2.0 * eta_1));
+    bool is_within = local_5;
+    float _e221 = low_3;
+    if ((_e221 > 0.0)) {
+        float _e226 = high_3;
+        local_6 = (_e226 < (ray_2.end * 0.999999));
     } else {
         local_6 = false;
     }
-    bool _e221 = local_6;
-    if (_e221) {
+    bool is_between = local_6;
+    if (is_within) {
+        local_7 = is_between;
+    } else {
+        local_7 = false;
+    }
+    bool _e236 = local_7;
+    if (_e236) {
+        local_8 = (height_1 > (2.0 * eta_1));
+    } else {
+        local_8 = false;
+    }
+    bool _e243 = local_8;
+    if (_e243) {
         uint id = (((volume * ray_2.sign_) < 0.0) ? words_a.w : words_b.w);
-        float _e229 = high_3;
-        float _e231 = first.high;
-        if ((_e229 < _e231)) {
-            float _e235 = first.others;
-            float _e237 = first.low;
-            first.others = min(_e235, _e237);
+        float _e251 = high_3;
+        float _e253 = first.high;
+        if ((_e251 < _e253)) {
+            float _e257 = first.others;
+            float _e259 = first.low;
+            first.others = min(_e257, _e259);
             first.id = id;
-            float _e241 = low_3;
-            first.low = _e241;
-            float _e243 = high_3;
-            first.high = _e243;
+            float _e263 = low_3;
+            first.low = _e263;
+            float _e265 = high_3;
+            first.high = _e265;
         } else {
-            float _e246 = first.others;
-            float _e247 = low_3;
-            first.others = min(_e246, _e247);
+            float _e268 = first.others;
+            float _e269 = low_3;
+            first.others = min(_e268, _e269);
         }
     } else {
-        float _e251 = first.others;
-        float _e252 = low_3;
-        first.others = min(_e251, _e252);
+        float _e273 = first.others;
+        float _e274 = low_3;
+        first.others = min(_e273, _e274);
     }
-    First _e254 = first;
-    return _e254;
+    First _e276 = first;
+    return _e276;
 }
 
 uint first_met(uint at_2) {

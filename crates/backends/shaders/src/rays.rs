@@ -14,12 +14,15 @@
 //! - Depth is that of corners weighted by these products, so that it is off by their errors, relative to their sum, times
 //!   the range of the corners' depths, and by 2 η. A height above the emitter's plane is off by 2 η.
 //!
+//! A surface that lies on the emitter would make all its rays doubtful, as f32 cannot tell it from one a hair above the
+//! emitter's plane. The host can, and names up to eight that it is certain of.
+//!
 //! No corners in pairs of f32, which would make η relative to m alone, because they take twice the memory, and few rays
 //! are doubtful without ([docs/dev/gpu.md](../../../../docs/dev/gpu.md)).
 
 use glam::DVec3;
 use hemicube_contract::backend::{Geometry, Rays};
-use hemicube_contract::bvh::{INNER, LANES, Tree, UNUSED};
+use hemicube_contract::bvh::{Bounds, INNER, LANES, Tree, UNUSED, overlap};
 use hemicube_contract::face::Items;
 use std::sync::Arc;
 
@@ -29,8 +32,15 @@ pub const MOST_RAYS: usize = 1 << 17;
 /// Threads of a work group.
 pub const GROUP: u32 = 64;
 /// Words before the rays, and of each.
-const HEADER_WORDS: usize = 8;
+const HEADER_WORDS: usize = 16;
 const RAY_WORDS: usize = 8;
+/// Surfaces on the emitter that are named. A choice: of more the rays are doubtful, and each is one more comparison at
+/// every triangle.
+const MOST_BELOW: usize = 8;
+/// Blocks of triangles that are looked at for them: a tenth of a millisecond.
+const MOST_BLOCKS: usize = 256;
+/// Depth below the emitter's plane down to which f32 may see a surface on it: above η.
+const ON: f64 = 1e-5;
 /// Words of the largest dispatch.
 pub const MOST_WORDS: usize = HEADER_WORDS + RAY_WORDS * MOST_RAYS;
 
@@ -42,9 +52,9 @@ pub struct RayTree {
     pub nodes: Vec<u32>,
     /// Twelve a triangle: its corners, with the id seen from either side; see [`hemicube_contract::bvh::Block`].
     pub triangles: Vec<u32>,
-    /// Distance within which a rule of ties may decide.
-    tie: f64,
-    plane_tolerance: f64,
+    tree: Arc<Tree>,
+    /// First triangle of each block, and their number.
+    runs: Vec<(u32, u32)>,
 }
 
 /// Rounds to nearest.
@@ -62,12 +72,11 @@ fn raised(x: f64) -> u32 {
 impl RayTree {
     /// The tree of a scene, made when first asked for.
     pub fn of(geometry: &Geometry) -> Arc<Self> {
-        geometry.kept(|geometry| Self::new(&Tree::of(geometry)))
+        geometry.kept(|geometry| Self::new(Tree::of(geometry)))
     }
 
-    fn new(tree: &Tree) -> Self {
+    fn new(tree: Arc<Tree>) -> Self {
         let mut triangles = Vec::new();
-        // First triangle and number of each block.
         let mut runs = Vec::with_capacity(tree.blocks.len());
         let mut first = 0;
         for block in &tree.blocks {
@@ -98,9 +107,51 @@ impl RayTree {
         Self {
             nodes: nodes.collect(),
             triangles,
-            tie: Rays::TIE * tree.plane_tolerance,
-            plane_tolerance: tree.plane_tolerance,
+            tree,
+            runs,
         }
+    }
+
+    /// Triangles on the emitter that certainly do not rise above its plane; `u32::MAX` for the others of eight.
+    fn below(&self, rays: &Rays<'_>) -> [u32; MOST_BELOW] {
+        let (mut found, mut count) = ([u32::MAX; MOST_BELOW], 0);
+        let tree = &self.tree;
+        let slot = tree.slot_of_patch[rays.emitter.0 as usize] as usize;
+        let Some(block) = tree.blocks.get(slot / LANES) else {
+            return found;
+        };
+        let corners = block.triangle(slot % LANES);
+        let own = Bounds::of(corners);
+        let (mut pending, mut blocks) = (vec![0u32], 0);
+        while let Some(index) = pending.pop() {
+            let node = &tree.nodes[index as usize];
+            let (low, high) = (node.center - node.half - ON, node.center + node.half + ON);
+            if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
+                continue;
+            }
+            if node.block == INNER {
+                if node.child > 0 {
+                    pending.extend([node.child, node.child + 1]);
+                }
+                continue;
+            }
+            blocks += 1;
+            let (first, lanes) = self.runs[node.block as usize];
+            for (triangle, lane) in (first..first + lanes).zip(0..) {
+                let other = tree.blocks[node.block as usize].triangle(lane);
+                let heights = other.map(|corner| rays.normal.dot(corner) - rays.offset);
+                // Half the tolerance is far beyond the rounding of whoever asks again.
+                let is_on = heights.iter().all(|&h| h <= 0.5 * tree.plane_tolerance && h >= -ON);
+                if count < MOST_BELOW && is_on && overlap(&corners, &other, rays.normal, tree.plane_tolerance) {
+                    found[count] = triangle;
+                    count += 1;
+                }
+            }
+            if blocks >= MOST_BLOCKS || count >= MOST_BELOW {
+                break;
+            }
+        }
+        found
     }
 
     /// The words of at most [`MOST_RAYS`] rays of a patch, with those of all before them.
@@ -111,14 +162,15 @@ impl RayTree {
             x,
             y,
             z,
-            rounded(self.plane_tolerance),
+            rounded(self.tree.plane_tolerance),
             rays.emitter.0,
             count,
-            raised(self.tie),
+            raised(Rays::TIE * self.tree.plane_tolerance),
             0,
         ];
         let mut words = Vec::with_capacity(HEADER_WORDS + RAY_WORDS * ends.len());
         words.extend(header);
+        words.extend(self.below(rays));
         for &[start, end] in ends {
             let along = end - start;
             let axis = (0..3).fold(0, |best, k| if along[k].abs() > along[best].abs() { k } else { best });
@@ -156,8 +208,8 @@ mod tests {
                 back: None,
             })
             .collect();
-        let tree = Tree::of_surfaces(&surfaces, 200, 1e-10);
-        let made = RayTree::new(&tree);
+        let tree = Arc::new(Tree::of_surfaces(&surfaces, 200, 1e-10));
+        let made = RayTree::new(Arc::clone(&tree));
         let value = |word: u32| f64::from(f32::from_bits(word));
         for (node, words) in tree.nodes.iter().zip(made.nodes.chunks_exact(8)) {
             for k in 0..3 {
@@ -179,7 +231,7 @@ mod tests {
             front: InputPatch(0),
             back: None,
         };
-        let tree = RayTree::new(&Tree::of_surfaces(&[surface], 1, 1e-10));
+        let tree = RayTree::new(Arc::new(Tree::of_surfaces(&[surface], 1, 1e-10)));
         let ends = [
             [DVec3::ZERO, DVec3::Z],
             [DVec3::ZERO, DVec3::ZERO],
@@ -193,7 +245,10 @@ mod tests {
             ends: &ends,
         };
         let words = tree.words(&rays, &ends);
-        let depths: Vec<f32> = words[8..].chunks_exact(8).map(|ray| f32::from_bits(ray[3])).collect();
+        let depths: Vec<f32> = words[HEADER_WORDS..]
+            .chunks_exact(RAY_WORDS)
+            .map(|ray| f32::from_bits(ray[3]))
+            .collect();
         assert_eq!(depths, [1.0, -1.0, -1.0, -1.0]);
     }
 }

@@ -1,7 +1,7 @@
 // Rays from one patch: the first surface on each, a thread a ray, or that f32 cannot tell. The bounds on rounding are at
 // the head of src/rays.rs.
 
-// Two words of four a node of src/rays.rs, three a triangle, two for all rays, and two a ray.
+// Two words of four a node of src/rays.rs, three a triangle, four for all rays, and two a ray.
 @group(1) @binding(30) var<storage, read> nodes: array<vec4<u32>>;
 @group(1) @binding(31) var<storage, read> triangles: array<vec4<u32>>;
 @group(1) @binding(32) var<storage, read> given: array<vec4<u32>>;
@@ -52,9 +52,9 @@ fn turned_back(v: vec3<f32>, axis: u32) -> vec3<f32> {
 }
 
 fn ray_of(at: u32) -> Ray {
-    let first = given[2u + 2u * at];
-    let second = bitcast<vec4<f32>>(given[3u + 2u * at]);
-    let bits = given[3u + 2u * at].z;
+    let first = given[4u + 2u * at];
+    let second = bitcast<vec4<f32>>(given[5u + 2u * at]);
+    let bits = given[5u + 2u * at].z;
     var ray: Ray;
     ray.start = bitcast<vec3<f32>>(first.xyz);
     ray.end = bitcast<f32>(first.w);
@@ -103,7 +103,8 @@ fn meet(ray: Ray, at: u32, before: First) -> First {
     let words_a = triangles[3u * at];
     let words_b = triangles[3u * at + 1u];
     let words_c = triangles[3u * at + 2u];
-    if words_a.w == emitter || words_b.w == emitter {
+    let is_below = any(given[2] == vec4<u32>(at)) || any(given[3] == vec4<u32>(at));
+    if words_a.w == emitter || words_b.w == emitter || is_below {
         return first;
     }
     let a = bitcast<vec3<f32>>(words_a.xyz) - ray.start;

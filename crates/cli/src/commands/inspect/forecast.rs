@@ -7,7 +7,7 @@ use crate::prepare::BUILT_IN;
 use crate::report;
 use anyhow::Result;
 use hemicube::backend::{
-    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, RenderSettings,
+    BackendError, BackendInfo, Counters, Culling, Geometry, Hemicube, HemicubeBackend, Rays, RenderSettings,
 };
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection, Summary, compute, load};
 use hemicube::driver::level::Level;
@@ -337,6 +337,10 @@ impl HemicubeBackend for Loaded {
 
     fn rows(&mut self, hemicubes: &[Hemicube], out: &mut RowBlock) -> Result<Counters, BackendError> {
         self.0.rows(hemicubes, out)
+    }
+
+    fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
+        self.0.rays(rays)
     }
 }
 
