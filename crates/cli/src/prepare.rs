@@ -246,7 +246,8 @@ impl EngineSettings {
                 .map_err(|error| hinted(error.into(), BACKENDS_HINT))?;
             return self.loaded(backend);
         }
-        // Of the machine, not of this run: a store must not depend on how many threads compute it.
+        // Not those of this run: a store must not depend on how many compute it. Where another part of a store was
+        // computed with other processors to hand, the two backends are told apart, and naming one settles it.
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let auto = registry.auto(&options, threads);
         let taken = auto.taken.as_ref().map_or(BUILT_IN, |backend| backend.library().name());

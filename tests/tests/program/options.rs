@@ -306,7 +306,8 @@ impl Fixture {
     /// most lines.
     fn restore(&self, folder: &Path, found: &BTreeMap<String, Vec<u8>>) {
         prune(folder, self.folder.path());
-        let is_other = |(name, bytes): &(&String, &Vec<u8>)| found.get(*name) != Some(bytes);
+        let is_other =
+            |(name, bytes): &(&String, &Vec<u8>)| found.get(*name) != Some(bytes) || !folder.join(name).exists();
         for (name, bytes) in self.files.iter().filter(is_other) {
             let path = folder.join(name);
             std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
@@ -384,11 +385,13 @@ impl Fixture {
     }
 }
 
-/// Removes what `like` does not have.
+/// Removes what `like` does not have, or has as something else.
 fn prune(folder: &Path, like: &Path) {
     for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
         let (path, wanted) = (entry.path(), like.join(entry.file_name()));
-        match (path.is_dir(), wanted.exists()) {
+        let kind = entry.file_type().expect("a type");
+        let is_same = std::fs::symlink_metadata(&wanted).is_ok_and(|wanted| wanted.file_type() == kind);
+        match (kind.is_dir(), is_same) {
             (true, true) => prune(&path, &wanted),
             (true, false) => std::fs::remove_dir_all(&path).expect("a folder that a run made"),
             (false, true) => {}

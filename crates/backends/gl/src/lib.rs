@@ -72,7 +72,7 @@ fn capabilities(dense: bool) -> Capabilities {
         covered: !dense,
         tiny_patches: !dense,
         passes: !dense,
-        // A choice: rays are for Vulkan and wgpu, which all devices that gain by them have.
+        // A choice: Vulkan and wgpu have them.
         rays: false,
         leaves_close: !dense,
         ..CAPABILITIES

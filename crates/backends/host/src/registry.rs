@@ -14,8 +14,9 @@ use std::sync::Arc;
 /// The backends tried by `auto`, in order.
 const AUTO: [&str; 3] = ["vulkan", "wgpu", "gl"];
 
-/// Threads of a processor up to which a GPU draws more hemicubes than they do. Measured: one NVIDIA H100 draws as many as
-/// 3.1 to 5.4 threads of the processor beside it (the example `device_rate`; docs/dev/gpu.md has the table).
+/// Threads of a processor up to which a GPU is taken to draw more hemicubes than they do. A choice: one NVIDIA H100 draws as
+/// many as 2.7 to 8 threads of the processor beside it, by scene (docs/dev/gpu.md has the table and its command). With
+/// more, `auto` takes a GPU in large scenes that it slows down; with fewer, it leaves one that pays in small ones.
 const THREADS_OF_A_GPU: usize = 5;
 
 /// A place searched, and the reason of its failure.

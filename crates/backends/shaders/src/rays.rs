@@ -44,7 +44,8 @@ const ON: f64 = 1e-5;
 /// Words of the largest dispatch.
 pub const MOST_WORDS: usize = HEADER_WORDS + RAY_WORDS * MOST_RAYS;
 
-/// The contract's tree in the device's words.
+/// The contract's tree in the device's words: some 60 bytes a triangle of the scene, and again on the device for each
+/// session, where rays take 5 MB besides. A limit of the run's memory does not know of them.
 #[derive(Debug)]
 pub struct RayTree {
     /// Eight a node: middle and half sides of its box, with the first child or triangle, and the number of triangles, 0
@@ -138,6 +139,9 @@ impl RayTree {
             blocks += 1;
             let (first, lanes) = self.runs[node.block as usize];
             for (triangle, lane) in (first..first + lanes).zip(0..) {
+                if node.block as usize * LANES + lane == slot {
+                    continue;
+                }
                 let other = tree.blocks[node.block as usize].triangle(lane);
                 let heights = other.map(|corner| rays.normal.dot(corner) - rays.offset);
                 // Half the tolerance is far beyond the rounding of whoever asks again.
@@ -222,6 +226,53 @@ mod tests {
         assert_eq!(made.triangles.len(), 12 * 200);
         let counted: u32 = made.nodes.chunks_exact(8).map(|node| node[7]).sum();
         assert_eq!(counted, 200, "each triangle in one leaf");
+    }
+
+    #[test]
+    fn what_lies_on_the_emitter_is_named_and_nothing_else() {
+        let p = DVec3::new;
+        let tolerance = 1e-10;
+        let at = |x: f64, z: f64| [p(x, 0.0, z), p(x + 1.0, 0.0, z), p(x, 1.0, z)];
+        let tilted = [p(0.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(0.0, 1.0, 2.0 * tolerance)];
+        // The emitter; on it; a hair below; a tolerance above; far below; beside; with one corner above.
+        let places = [
+            at(0.0, 0.0),
+            at(0.1, 0.0),
+            at(0.2, -1e-7),
+            at(0.0, tolerance),
+            at(0.0, -2.0 * ON),
+            at(5.0, 0.0),
+            tilted,
+        ];
+        let surfaces: Vec<_> = (0..)
+            .zip(places)
+            .map(|(k, corners)| hemicube_contract::backend::Surface {
+                corners,
+                front: InputPatch(k),
+                back: None,
+            })
+            .collect();
+        let count = u32::try_from(surfaces.len()).expect("seven");
+        let tree = RayTree::new(Arc::new(Tree::of_surfaces(&surfaces, count, tolerance)));
+        let rays = Rays {
+            emitter: InputPatch(0),
+            normal: DVec3::Z,
+            offset: 0.0,
+            ends: &[],
+        };
+        let named = tree.below(&rays);
+        // A triangle's patch is on either side of it, next to a back.
+        let patch = |triangle: &u32| {
+            let words = &tree.triangles[12 * *triangle as usize..][..12];
+            words[3].min(words[7])
+        };
+        let mut patches: Vec<u32> = named
+            .iter()
+            .filter(|&&triangle| triangle != u32::MAX)
+            .map(patch)
+            .collect();
+        patches.sort_unstable();
+        assert_eq!(patches, [1, 2]);
     }
 
     #[test]

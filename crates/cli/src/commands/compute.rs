@@ -581,7 +581,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     tell_taken(arguments, &run, update.as_deref(), talk);
     tell_backend(&run, &prepared, talk);
     tell_composed(&run, talk);
-    tell_rays(&run, talk);
+    tell_rays(&run, &arguments.render.engine.backend_option, talk);
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
     if let Some(limit) = arguments.patches.memory {
         let rows = forecast_rows(&run, entries_per_row, arguments.batch);
@@ -803,13 +803,23 @@ fn tell_composed(run: &Run<'_>, talk: Talk) {
     }
 }
 
-/// Tells where rays are the backend's.
-fn tell_rays(run: &Run<'_>, talk: Talk) {
+/// Tells where rays are the backend's, and where it was asked for them in vain.
+fn tell_rays(run: &Run<'_>, options: &[String], talk: Talk) {
     let backend = run.backend().info();
+    let name = &backend.name;
     if backend.capabilities.rays && run.plan.correction != Correction::Pixel {
-        let name = &backend.name;
         talk.detail(&format!(
-            "`{name}` casts the rays that measure what escapes and is blocked; those it cannot decide are the processor's"
+            "`{name}` casts the rays beyond a patch's first 256 that measure what escapes and is blocked; those that it \
+             cannot decide are the processor's"
+        ));
+    } else if options.iter().any(|option| option == "rays=on") {
+        talk.say(&format!(
+            "`rays=on` changes nothing: {}",
+            if backend.capabilities.rays {
+                "rows by pixels need no rays".to_owned()
+            } else {
+                format!("backend `{name}` casts none")
+            }
         ));
     }
 }

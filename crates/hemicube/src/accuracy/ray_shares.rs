@@ -7,7 +7,7 @@
 //! share X.
 
 use crate::accuracy::caster::Caster;
-use crate::accuracy::ladder::{self, rays_to_leave};
+use crate::accuracy::ladder::{self, rays_to_leave, whole_net};
 use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
 use crate::backend::Rays;
@@ -52,17 +52,6 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
 /// The variance of one ray that so many tell: a few rays that agree do not prove that all would.
 fn known(variance: f64, count: usize) -> f64 {
     variance.max(0.25 / count as f64)
-}
-
-/// The rays of the smallest whole net of the sequence that has so many, and [`LEAST`]: a power of two. Parts of a net leave
-/// more than n^(−5/4), as rays measured one by one that stop where they are enough: to the number asked for, 9 to 14 %
-/// fewer steps in a city left 95 % of the sums of ten scenes' rows up to 3.7 times as far off.
-fn whole_net(rays: f64) -> f64 {
-    let mut net = LEAST as f64;
-    while net < rays.min(MOST as f64) {
-        net *= 2.0;
-    }
-    net
 }
 
 /// Shares measured by rays, which may go on.
@@ -177,9 +166,10 @@ impl RayShares {
         while self.go_on(emitter, permitted, wanted(self), caster, &mut receives) {}
     }
 
-    /// Casts rays up the [`ladder`] to `wanted`; returns false where there are as many. There are 256 at least, and at most
-    /// as many as know any share to a third of the permitted error, 131,072, or as meet the steps of a search beside a
-    /// row in blocks of triangles: thousands of triangles in one place are met by every ray to it.
+    /// Casts rays up the [`ladder`] to the whole net of `wanted`; returns false where there are as many. There are 256 at
+    /// least, and at most as many as know any share to a third of the permitted error, 131,072, or about as many as meet
+    /// the steps of a search beside a row in blocks of triangles, by those counted so far: thousands of triangles in one
+    /// place are met by every ray to it.
     pub(crate) fn go_on(
         &mut self,
         emitter: &Emitter<'_>,
@@ -190,7 +180,8 @@ impl RayShares {
     ) -> bool {
         let sure = rays_to_leave((permitted / ERRORS).powi(2) / 0.25);
         let paid = self.rays_of_blocks(steps_beside(permitted));
-        let next = ladder::next(self.rays, whole_net(wanted.min(sure).min(paid)), MOST, BATCH);
+        let wanted = whole_net(wanted.min(sure).min(paid), LEAST, MOST);
+        let next = ladder::next(self.rays, wanted, MOST, BATCH);
         let Some(next) = next.filter(|_| paid > self.rays as f64) else {
             return false;
         };

@@ -21,7 +21,7 @@
 use super::{Pair, Refined, Refiner, inverse_area, seed, smoothed};
 use crate::Model;
 use crate::accuracy::error_model::variance_of_rays;
-use crate::accuracy::ladder::{self, GROWTH, rays_to_leave};
+use crate::accuracy::ladder::{self, GROWTH, rays_to_leave, whole_net};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
 use crate::factor::exchange;
@@ -368,7 +368,8 @@ impl Refiner<'_> {
                 return true;
             }
             let growth = rays_to_leave((enough / measured.exchange_area).powi(2) / variance) / rays;
-            let Some(more) = ladder::next(wanted, wanted as f64 * growth, EACH_RAYS, RAYS) else {
+            let net = whole_net(wanted as f64 * growth, FIRST_RAYS, EACH_RAYS);
+            let Some(more) = ladder::next(wanted, net, EACH_RAYS, RAYS) else {
                 break;
             };
             wanted = more;
