@@ -348,7 +348,8 @@ const KNOWN_RAYS: usize = 256;
 const MANY_RAYS: f64 = 131_072.0;
 /// Bound of the points at one pair, about.
 const MOST_POINTS: usize = 6_000;
-/// Bound of the pairs of each group that are measured in any case. A choice.
+/// Bound of the pairs of each group that are measured in any case. A choice: with fewer, a row whose centroid stands
+/// badly for its patch is found less often; with more, every row pays for looking.
 const PROBES: f64 = 6.0;
 /// Nearness from which on centroids tell a form factor well enough to see whether it matters: 8 radii.
 const FAR: u8 = 3;

@@ -31,7 +31,8 @@ pub(super) const RAY: u64 = 1 << 34;
 const HEAVIEST: f64 = 256.0;
 /// Rays of a row at least.
 const LEAST: f64 = 64.0;
-/// The longest edge of a portal, in parts of its distance, up to which points of it are drawn evenly. A choice.
+/// The longest edge of a portal, in parts of its distance, up to which points of it are drawn evenly. A choice: with
+/// more, rays to near portals differ in weight; with less, distant ones are divided in vain.
 const SMALL: f64 = 0.25;
 /// The inverse golden ratio: its multiples, without whole parts, are even at any number.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;

@@ -37,7 +37,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
-/// Rays that a row begins with, of which those that meet a portal are cast. A choice.
+/// Rays that a row begins with, of which those that meet a portal are cast. A choice: with fewer, a small portal is
+/// missed at first; with more, rows pay for portals that hardly matter.
 const RAYS: usize = 1 << 12;
 /// Rays of a row at most.
 const RAYS_MAX: usize = 1 << 20;
@@ -47,18 +48,23 @@ const RAYS_MAX: usize = 1 << 20;
 /// those that they missed ([`Known::measure`]).
 const HITS: f64 = 8.0;
 /// Legs of a row after which no further rays are cast, and as many again for segments; times
-/// max(1 %/T, 1), up to 2²⁴. What is then left is in the row's expected error. A choice.
+/// max(1 %/T, 1), up to 2²⁴. What is then left is in the row's expected error. A choice: with less, rows
+/// between facing mirrors stop short of the tolerance; with more, they take longer.
 const EFFORT: f64 = 262_144.0;
 /// Legs of a hemicube whose pixels are followed, and of a row of rays, after which paths are cut off.
 const LEGS_OF_PIXELS: u64 = 1 << 22;
 const LEGS: u64 = 1 << 25;
-/// Pairs of a row measured by segments. A choice.
+/// Pairs of a row measured by segments. A choice: with fewer, more of a row is left to its rays; with more, its small
+/// pairs take segments that rays had done for.
 const PAIRS: usize = 1024;
-/// Segments of a pair at least and at most. Choices.
+/// Segments of a pair at least and at most. Choices: with fewer at least, those that agree by chance count as exact
+/// more often; with more, pairs behind nothing pay for it. The most is a row's [`EFFORT`].
 const SEGMENTS: (usize, usize) = (64, 1 << 18);
-/// Pairs looked at for one that is measured. A choice.
+/// Pairs looked at for one that is measured. A choice: with fewer, pairs that rays missed are not found; with more,
+/// looking costs more than measuring.
 const LOOKS: usize = 4;
-/// Part of a tolerance for what comes through portals. A choice.
+/// Part of a tolerance for what comes through portals. A choice: with more, the row before them must be finer, and with
+/// less, they.
 const PART: f64 = 0.5;
 
 /// The hemicubes that a row is made of.

@@ -15,7 +15,8 @@ use std::collections::BTreeMap;
 
 /// Parts of a pixel's unit of weight.
 const FINE: u64 = 1 << 10;
-/// Pixels drawn of a hemicube's passes, after which paths are cut off. A choice.
+/// Pixels drawn of a hemicube's passes, after which paths are cut off. A choice: with fewer, halls of mirrors end
+/// early, and the sensor says what was cut off; with more, each of its points takes longer.
 const LEGS: u64 = 1 << 22;
 
 /// Weights that arrive through portals, in parts of [`FINE`] of a pixel's unit. Handed on of what arrives first =

@@ -15,7 +15,8 @@ use crate::geometry::Plane;
 use crate::simd::{InstructionSet, cross, dispatch, dot, least, minus, most};
 use glam::DVec3;
 
-/// Pixels along the edge of a window at most. A choice.
+/// Pixels along the edge of a window at most. A choice: larger ones leave the cache; of smaller ones there are more,
+/// each with the geometry in its sight.
 pub(super) const EDGE: u32 = 32;
 /// Pixels drawn at a time.
 const CHUNK: usize = 8;

@@ -30,12 +30,13 @@ pub(crate) const RAYS: usize = sobol::BATCH;
 /// Depth inside a side of the shaft counted as outside, in parts of the pair's extent. A choice above the rounding of
 /// rays in f32.
 const OUTSIDE: f64 = 4e-6;
-/// Bound of that depth in parts of either triangle's greatest height above that side. A choice.
+/// Bound of that depth in parts of either triangle's greatest height above that side. A choice: with more, flat pairs
+/// leave out occluders that matter; with less, they list those that touch the shaft by rounding.
 const OUTSIDE_OF_RISE: f64 = 0.01;
 
 /// Height above one of the pair's planes, in parts of its extent, up to which an occluder is tested in f64; likewise
 /// the distance of a patch's corners from the occluder's plane. Rays in f32 do not know on which side of it they begin
-/// and end. A choice.
+/// and end. A choice: with less, rays in f32 decide what they cannot tell; with more, more occluders take f64.
 const NEAR_PLANE: f64 = 1e-4;
 
 /// Distance within which a proof takes points for points of a polygon, in radii of the smaller patch, at most. A choice:
@@ -46,7 +47,8 @@ const PROVED_WITHIN: f64 = 1e-3;
 /// through an edge that two triangles share is stopped by one of them.
 const SINGLE_HAIR: f32 = 1e-6;
 
-/// Distance of centroids in radii below which a pair [is near](TrianglePair::is_near). A choice.
+/// Distance of centroids in radii below which a pair [is near](TrianglePair::is_near). A choice: with less, segments
+/// between close patches have weights that few of them carry; with more, distant pairs take directions that miss.
 const NEAR: f64 = 2.0;
 
 /// Steps of a shaft, of a block of the tree that reaches into it, and of a triangle listed. Measured.
@@ -64,7 +66,8 @@ const STEPS_A_DRAW: u64 = 120;
 /// Bound of the triangles that a shaft lists: a ray tested against more of them costs more than its way down the tree.
 const MOST_LISTED: u32 = 256;
 
-/// Bound of the directions drawn for each ray that is wanted between near patches. A choice.
+/// Bound of the directions drawn for each ray that is wanted between near patches. A choice: with fewer, pairs that few
+/// directions meet keep the centroid's fraction; with more, they cost more than points do.
 const MOST_DRAWN: usize = 32;
 
 /// A patch and its corners in normalised coordinates.

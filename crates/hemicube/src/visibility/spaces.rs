@@ -49,9 +49,11 @@ const MOST_ANGLES: usize = 4_096;
 const MOST_ON_EACH_OTHER: usize = 64;
 /// Patches of a sheet about which winding numbers are taken. A choice: all must agree.
 const SAMPLES: usize = 3;
-/// Patches of a set that are looked at for [`SAMPLES`] that no other surface lies on. A choice.
+/// Patches of a set that are looked at for [`SAMPLES`] that no other surface lies on. A choice: with fewer, a shell
+/// with much laid on it counts as open; with more, such shells take longer.
 const LOOKED_AT: usize = 64;
-/// Cosine between the normals of surfaces that lie on each other, at least. A choice.
+/// Cosine between the normals of surfaces that lie on each other, at least. A choice: with less, surfaces that meet at
+/// an edge count as laid on each other; with more, a rough copy of a wall does not.
 const PARALLEL: f64 = 0.999;
 /// Difference of a winding number from an integer, at most: a sheet with a hole has a larger one.
 const INTEGER: f64 = 1e-6;

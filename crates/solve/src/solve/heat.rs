@@ -28,7 +28,8 @@ use hemicube_store::RowTable;
 
 /// An enclosure that loses less than this part of its view is closed: rounding.
 const OPEN_LEAST: f64 = 1e-6;
-/// Share of the view above which a scene is open. A choice.
+/// Share of the view above which a scene is open. A choice: with less, closed rooms with a seam ask for a temperature
+/// outside; with more, a window's loss is taken for none.
 pub const OPEN: f64 = 0.01;
 
 /// The share of the view that leaves a scene, over its area, where it is more than [`OPEN`]: how warm it is outside

@@ -303,7 +303,8 @@ pub(super) fn multiply(factors: &dyn Factors, weights: &Weights, x: &Block, thre
     Ok(product)
 }
 
-/// Entries of a matrix of pairs made once for all right-hand sides, at most: 256 MB. A choice.
+/// Entries of a matrix of pairs made once for all right-hand sides, at most: 256 MB. A choice: with more, a
+/// solution takes memory nobody gave it; with fewer, larger matrices are read again for each step.
 const MERGED_MOST: usize = 1 << 24;
 /// Runs of such a matrix: the most threads that can work on a product.
 const MERGED_RUNS: usize = 64;

@@ -58,7 +58,8 @@ const LEAST_SHARE: f64 = 0.02;
 /// Mean distance from a line over a part of a cell beyond it, in parts of the greatest one: 1/3 over a triangle, 1/2
 /// over a strip.
 const MEAN_DEPTH: f64 = 0.5;
-/// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice.
+/// Error of a pair's fraction by an occluder's unevenness, in parts of the smaller triangle's size. A choice: with
+/// less, bounds are kept by fewer pairs; with more, more pairs are cut finer than they need.
 const UNEVEN: f64 = 4.0;
 /// Part of the length of all four null rules that is the least difference of the two rules. Chosen by the same rooms,
 /// of which 0.3 left a factor 8 bounds off.
@@ -73,7 +74,7 @@ const AT_CORNER: f64 = 0.01;
 /// away to see what is next to it. A choice: the nearest points are some 0.03 away.
 const NEXT_TO: f64 = 0.02;
 /// Distance of an edge from a cell, in parts of the cell's extent beside it, below which B is taken next to the edge,
-/// too. A choice.
+/// too. A choice: with less, what lies next to an edge is missed between points; with more, cells take points in vain.
 const LOOKED_AT: f64 = 0.1;
 /// Part of a cell's extent next to an edge that no point of a rule lies in.
 const UNSEEN_DEPTH: f64 = 0.03;
