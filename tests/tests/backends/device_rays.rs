@@ -111,7 +111,7 @@ fn the_program_casts_rays_to_the_bit(name: &str) {
     );
     place.line(&format!("{compute} rays=off -o off")).is(0);
     let with = place.line(&format!("{compute} rays=on -o on")).is(0);
-    with.says(&["casts the rays that measure what escapes and is blocked"]);
+    with.says(&["casts the rays beyond a patch's first 256"]);
     assert_same(&place.path("off/parts"), &place.path("on/parts"));
 }
 
