@@ -450,28 +450,6 @@ pub fn agrees_with_the_cpu(open: Open<'_>, options: &str, name: &str, model: &Mo
     apart
 }
 
-/// A wall of 720,000 triangles in one tile of the atlas is seen without holes: 352 runs of chunks, where a work group
-/// lists 193 to 256 at once.
-///
-/// # Panics
-/// When it is not.
-pub fn no_run_of_a_tile_is_lost(open: Open<'_>, options: &str) {
-    let p = DVec3::new;
-    let emitter = [p(0.0, 0.0, 0.0), p(0.001, 0.0, 0.0), p(0.0, 0.001, 0.0)];
-    // Above its corner, within 32 × 16 of the 64 × 64 pixels that look up.
-    let [a, b, c, d] = [[0.1, 0.05], [0.1, 0.4], [0.85, 0.4], [0.85, 0.05]].map(|[x, y]| p(x, y, 1.0));
-    let model = model(scene_of([emitter, [a, b, c], [a, c, d]]), Subdivision::Split(600));
-    let hemicubes = model.hemicubes(InputPatch(0), 1, false);
-    let settings = settings(64, Culling::On, false);
-    let (drawn, _) = render_with(&mut *open(options).expect("it was there"), &model, &hemicubes, settings);
-    let (expected, _) = render_with(&mut CpuBackend::new(), &model, &hemicubes, settings);
-    let apart = compare_rows(&drawn, &expected);
-    let pixels = expected.row(0).patches.len();
-    assert!(pixels > 200, "the wall is seen pixel by pixel: {pixels}");
-    assert!(apart.worst < 0.01, "{apart:?}");
-    assert_eq!(drawn.row(0).escaped, expected.row(0).escaped, "there are holes");
-}
-
 /// Rows are the sums of the session's own item buffers, and no more comes back than their entries.
 ///
 /// # Panics

@@ -81,6 +81,7 @@ struct First {
 const uint NOTHING = 4294967295u;
 const uint DOUBTFUL = 4294967293u;
 const uint STACK = 48u;
+const uint MOST_TURNS = 8000u;
 const float SLACK = 9.536743e-7;
 const float NEVER = 1000000000.0;
 
@@ -364,6 +365,7 @@ uint first_met(uint at_2) {
     First first_1 = First(4294967295u, 1000000000.0, 1000000000.0, 1000000000.0);
     uint stack[48] = uint[48](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
     uint count = 1u;
+    uint turns = 0u;
     uint k = 0u;
     Ray _e1 = ray_of(at_2);
     if (!((_e1.end > 0.0))) {
@@ -373,73 +375,81 @@ uint first_met(uint at_2) {
     float tie = uintBitsToFloat(_e10);
     stack[0] = 0u;
     while(true) {
-        uint _e23 = count;
-        if ((_e23 > 0u)) {
+        uint _e25 = count;
+        if ((_e25 > 0u)) {
         } else {
             break;
         }
         {
-            uint _e26 = count;
-            count = (_e26 - 1u);
-            uint _e29 = count;
-            uint node = stack[min(_e29, 47u)];
+            uint _e28 = count;
+            count = (_e28 - 1u);
+            uint _e31 = turns;
+            turns = (_e31 + 1u);
+            uint _e34 = count;
+            uint node = stack[min(_e34, 47u)];
             uvec4 center_1 = _group_1_binding_30_cs[(2u * node)];
             uvec4 half_1 = _group_1_binding_30_cs[((2u * node) + 1u)];
-            float _e51 = first_1.high;
-            bool _e53 = touches(_e1, uintBitsToFloat(center_1.xyz), uintBitsToFloat(half_1.xyz), (_e51 + tie));
-            if (!(_e53)) {
+            float _e56 = first_1.high;
+            bool _e58 = touches(_e1, uintBitsToFloat(center_1.xyz), uintBitsToFloat(half_1.xyz), (_e56 + tie));
+            if (!(_e58)) {
                 continue;
+            }
+            uint _e60 = turns;
+            turns = (_e60 + half_1.w);
+            uint _e63 = turns;
+            if ((_e63 > MOST_TURNS)) {
+                return DOUBTFUL;
             }
             if ((half_1.w > 0u)) {
                 k = 0u;
                 bool loop_init = true;
                 while(true) {
                     if (!loop_init) {
-                        uint _e68 = k;
-                        k = (_e68 + 1u);
+                        uint _e80 = k;
+                        k = (_e80 + 1u);
                     }
                     loop_init = false;
-                    uint _e60 = k;
-                    if ((_e60 < half_1.w)) {
+                    uint _e72 = k;
+                    if ((_e72 < half_1.w)) {
                     } else {
                         break;
                     }
                     {
-                        uint _e64 = k;
-                        First _e66 = first_1;
-                        First _e67 = meet(_e1, (center_1.w + _e64), _e66);
-                        first_1 = _e67;
+                        uint _e76 = k;
+                        First _e78 = first_1;
+                        First _e79 = meet(_e1, (center_1.w + _e76), _e78);
+                        first_1 = _e79;
                     }
                 }
             } else {
                 if ((center_1.w > 0u)) {
-                    uint _e74 = count;
-                    if (((_e74 + 2u) > STACK)) {
+                    uint _e86 = count;
+                    if (((_e86 + 2u) > STACK)) {
                         return DOUBTFUL;
                     }
-                    uvec4 _e87 = _group_1_binding_30_cs[((2u * center_1.w) + 2u)];
-                    uvec4 _e95 = _group_1_binding_30_cs[(2u * center_1.w)];
-                    vec3 ahead = (uintBitsToFloat(_e87.xyz) - uintBitsToFloat(_e95.xyz));
+                    uvec4 _e99 = _group_1_binding_30_cs[((2u * center_1.w) + 2u)];
+                    uvec4 _e107 = _group_1_binding_30_cs[(2u * center_1.w)];
+                    vec3 ahead = (uintBitsToFloat(_e99.xyz) - uintBitsToFloat(_e107.xyz));
                     uint nearer = ((dot(ahead, _e1.way) < 0.0) ? 1u : 0u);
-                    uint _e106 = count;
-                    stack[min(_e106, 47u)] = ((center_1.w + 1u) - nearer);
-                    uint _e114 = count;
-                    stack[min((_e114 + 1u), 47u)] = (center_1.w + nearer);
-                    uint _e122 = count;
-                    count = (_e122 + 2u);
+                    uint _e118 = count;
+                    stack[min(_e118, 47u)] = ((center_1.w + 1u) - nearer);
+                    uint _e126 = count;
+                    stack[min((_e126 + 1u), 47u)] = (center_1.w + nearer);
+                    uint _e134 = count;
+                    count = (_e134 + 2u);
                 }
             }
         }
     }
-    uint _e126 = first_1.id;
-    if ((_e126 == NOTHING)) {
-        float _e132 = first_1.others;
-        return ((_e132 == NEVER) ? NOTHING : DOUBTFUL);
-    }
     uint _e138 = first_1.id;
-    float _e140 = first_1.others;
-    float _e142 = first_1.high;
-    return ((_e140 > (_e142 + tie)) ? _e138 : DOUBTFUL);
+    if ((_e138 == NOTHING)) {
+        float _e144 = first_1.others;
+        return ((_e144 == NEVER) ? NOTHING : DOUBTFUL);
+    }
+    uint _e150 = first_1.id;
+    float _e152 = first_1.others;
+    float _e154 = first_1.high;
+    return ((_e152 > (_e154 + tie)) ? _e150 : DOUBTFUL);
 }
 
 void main() {

@@ -45,7 +45,7 @@ const ON: f64 = 1e-5;
 pub const MOST_WORDS: usize = HEADER_WORDS + RAY_WORDS * MOST_RAYS;
 
 /// The contract's tree in the device's words: some 60 bytes a triangle of the scene, and again on the device for each
-/// session, where rays take 5 MB besides. A limit of the run's memory does not know of them.
+/// session, where rays take 5 MB besides.
 #[derive(Debug)]
 pub struct RayTree {
     /// Eight a node: middle and half sides of its box, with the first child or triangle, and the number of triangles, 0

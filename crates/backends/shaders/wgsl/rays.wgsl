@@ -12,6 +12,9 @@ const DOUBTFUL: u32 = 0xfffffffdu;
 // Nodes still to look at. A choice: a deeper stack takes registers or memory of every thread; of a tree deeper than this
 // rays are the host's.
 const STACK: u32 = 48u;
+// Nodes and triangles that a ray looks at; of more it is the host's. A choice: with more, eight rays side by side pass the
+// 65,535 turns after which lavapipe 22.3.6 ends a shader's loops; with fewer, rays through crowns are the host's.
+const MOST_TURNS: u32 = 8000u;
 // 2^-20, see src/rays.rs.
 const SLACK: f32 = 9.5367431640625e-7;
 // Further than any place on a ray.
@@ -179,14 +182,20 @@ fn first_met(at: u32) -> u32 {
     var stack: array<u32, STACK>;
     stack[0] = 0u;
     var count = 1u;
+    var turns = 0u;
     // Places in the stack are held within it, because lavapipe 22.3.6 has lanes that are done go on to read and write.
     while count > 0u {
         count -= 1u;
+        turns += 1u;
         let node = stack[min(count, STACK - 1u)];
         let center = nodes[2u * node];
         let half = nodes[2u * node + 1u];
         if !touches(ray, bitcast<vec3<f32>>(center.xyz), bitcast<vec3<f32>>(half.xyz), first.high + tie) {
             continue;
+        }
+        turns += half.w;
+        if turns > MOST_TURNS {
+            return DOUBTFUL;
         }
         if half.w > 0u {
             // A leaf: triangles from the first on.

@@ -47,14 +47,6 @@ fn rows_drawn_by_compute_are_the_cpu_s() {
 }
 
 #[test]
-#[ignore = "a driver that renders on the processor compiles these shaders for half a minute: ./test --full"]
-fn a_tile_with_more_runs_in_sight_than_a_list_holds_loses_none() {
-    if is_there("vulkan", &vulkan("")) {
-        devices::no_run_of_a_tile_is_lost(&vulkan, "draw=compute");
-    }
-}
-
-#[test]
 fn exact_edges_are_told_from_the_drivers() {
     if is_there("vulkan", &vulkan("")) {
         devices::the_drivers_edges_are_told_from_exact_ones(&vulkan);

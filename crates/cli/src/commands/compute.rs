@@ -585,7 +585,13 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     let entries_per_row = run.probe.map_or(0.0, |probe| probe.entries_per_row);
     if let Some(limit) = arguments.patches.memory {
         let rows = forecast_rows(&run, entries_per_row, arguments.batch);
-        run.threads = keep_within(limit, run.threads, rows, talk)?;
+        let surfaces = prepared.model.geometry().surfaces.len() as u64;
+        let besides = if casts_rays(&run) {
+            bytes_of_rays(surfaces, run.threads)
+        } else {
+            0
+        };
+        run.threads = keep_within(limit, besides, run.threads, rows, talk)?;
     }
 
     // From here to the last manifest an interrupt waits, so that the directory is a store afterwards.
@@ -803,11 +809,24 @@ fn tell_composed(run: &Run<'_>, talk: Talk) {
     }
 }
 
+/// Returns whether a backend casts rays for this run.
+fn casts_rays(run: &Run<'_>) -> bool {
+    run.backend().info().capabilities.rays && run.plan.correction != Correction::Pixel
+}
+
+/// Memory that a backend's rays take in the built-in plugins: 60 bytes a triangle for the tree and as much for each
+/// session's copy, with 131,072 rays and answers there, as if the device were the processor.
+fn bytes_of_rays(surfaces: u64, threads: usize) -> u64 {
+    const TREE: u64 = 60;
+    const RAYS: u64 = 36 << 17;
+    TREE * surfaces + threads as u64 * (TREE * surfaces + RAYS)
+}
+
 /// Tells where rays are the backend's, and where it was asked for them in vain.
 fn tell_rays(run: &Run<'_>, options: &[String], talk: Talk) {
     let backend = run.backend().info();
     let name = &backend.name;
-    if backend.capabilities.rays && run.plan.correction != Correction::Pixel {
+    if casts_rays(run) {
         talk.detail(&format!(
             "`{name}` casts the rays beyond a patch's first 256 that measure what escapes and is blocked; those that it \
              cannot decide are the processor's"
@@ -1047,12 +1066,13 @@ fn check_place(directory: &Path) -> Result<()> {
     tried.map(drop).with_context(|| format!("`{shown}` cannot be written"))
 }
 
-/// The number of threads that keeps the run within a limit of memory.
-fn keep_within(limit: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
+/// The number of threads that keeps the run within a limit of memory, where a backend takes so much `besides`.
+fn keep_within(limit: u64, besides: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
     let Some(resident) = report::resident_memory_bytes() else {
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");
         return Ok(threads);
     };
+    let resident = resident + besides;
     let Some(within) = forecast::threads_within(limit, resident, threads, rows) else {
         return Err(hinted(
             anyhow!(
