@@ -21,7 +21,7 @@
 //! are doubtful without ([docs/dev/gpu.md](../../../../docs/dev/gpu.md)).
 
 use glam::DVec3;
-use hemicube_contract::backend::{Geometry, Rays};
+use hemicube_contract::backend::{BackendError, Geometry, Rays};
 use hemicube_contract::bvh::{Bounds, INNER, LANES, Tree, UNUSED, overlap};
 use hemicube_contract::face::Items;
 use std::sync::Arc;
@@ -74,6 +74,27 @@ impl RayTree {
     /// The tree of a scene, made when first asked for.
     pub fn of(geometry: &Geometry) -> Arc<Self> {
         geometry.kept(|geometry| Self::new(Tree::of(geometry)))
+    }
+
+    /// Refuses a scene whose tree, or rays, no buffer of a device holds: `most` bytes each.
+    ///
+    /// # Errors
+    /// [`BackendError::Unsupported`], naming what is too large.
+    pub fn require_range(&self, most: u64) -> Result<(), BackendError> {
+        let buffers = [
+            ("the tree of rays", self.nodes.len()),
+            ("triangles for rays", self.triangles.len()),
+            ("rays", MOST_WORDS),
+        ];
+        for (what, words) in buffers {
+            let bytes = 4 * words as u64;
+            if bytes > most {
+                return Err(BackendError::Unsupported(format!(
+                    "{what} take {bytes} bytes where the device has at most {most}; take `rays=off`"
+                )));
+            }
+        }
+        Ok(())
     }
 
     fn new(tree: Arc<Tree>) -> Self {
@@ -301,5 +322,12 @@ mod tests {
             .map(|ray| f32::from_bits(ray[3]))
             .collect();
         assert_eq!(depths, [1.0, -1.0, -1.0, -1.0]);
+        let most = 4 * MOST_WORDS as u64;
+        assert!(tree.require_range(most).is_ok());
+        let refused = tree
+            .require_range(most - 1)
+            .expect_err("too small for the rays")
+            .to_string();
+        assert!(refused.starts_with("rays take "), "{refused}");
     }
 }

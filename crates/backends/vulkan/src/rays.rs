@@ -111,17 +111,10 @@ impl Drop for Bound {
 impl Caster {
     pub(crate) fn new(gpu: &Arc<Gpu>, geometry: &Geometry) -> Result<Self, BackendError> {
         let tree = RayTree::of(geometry);
-        let most = u64::from(gpu.limits.max_storage_buffer_range);
+        tree.require_range(gpu.limits.max_storage_buffer_range.into())?;
         let storage = |what: &str, words: usize, place| {
-            let bytes = 4 * words as u64;
-            if bytes > most {
-                return Err(BackendError::Unsupported(format!(
-                    "{what} take {bytes} bytes where `{}` has at most {most}; take `rays=off`",
-                    gpu.name
-                )));
-            }
             let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
-            Buffer::new(gpu, what, bytes, place, usage)
+            Buffer::new(gpu, what, 4 * words as u64, place, usage)
         };
         let buffers = [
             storage("the tree of rays", tree.nodes.len(), Place::Device)?,

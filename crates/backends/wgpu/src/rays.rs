@@ -23,35 +23,29 @@ pub(crate) struct Caster {
 impl Caster {
     pub(crate) fn new(device: &Device, compiler: &mut Compiler<'_>, geometry: &Geometry) -> Result<Self, BackendError> {
         let tree = RayTree::of(geometry);
-        let most = device.storage_range();
-        let buffer = |what: &'static str, words: usize, usage| {
-            let size = 4 * words.max(4) as u64;
-            if size > most {
-                return Err(BackendError::Unsupported(format!(
-                    "{what} take {size} bytes where the device has at most {most}; take `rays=off`"
-                )));
-            }
-            Ok(device.raw.create_buffer(&wgpu::BufferDescriptor {
+        tree.require_range(device.storage_range())?;
+        let buffer = |what, words: usize, usage| {
+            device.raw.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(what),
-                size,
+                size: 4 * words.max(4) as u64,
                 usage,
                 mapped_at_creation: false,
-            }))
+            })
         };
         let up = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let nodes = buffer("the tree of rays", tree.nodes.len(), up)?;
-        let triangles = buffer("triangles for rays", tree.triangles.len(), up)?;
-        let rays = buffer("rays", MOST_WORDS, up)?;
+        let nodes = buffer("the tree of rays", tree.nodes.len(), up);
+        let triangles = buffer("triangles for rays", tree.triangles.len(), up);
+        let rays = buffer("rays", MOST_WORDS, up);
         let met = buffer(
             "answers to rays",
             MOST_RAYS,
             BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-        )?;
+        );
         let copy = buffer(
             "a copy of them",
             MOST_RAYS,
             BufferUsages::MAP_READ | BufferUsages::COPY_DST,
-        )?;
+        );
         for (buffer, words) in [(&nodes, &tree.nodes), (&triangles, &tree.triangles)] {
             device
                 .queue
