@@ -77,10 +77,20 @@ struct Triangle {
     vec3 places[3];
     vec3 sides[3];
 };
+struct There {
+    float nearness;
+    vec3 sides;
+    bool is_back;
+};
+struct Found {
+    uint id;
+    float nearness;
+};
 const uint RUN = 32u;
 const uint GROUP = 64u;
 const float NEAR_CENTRE = 0.0078125;
 const float IN_FRONT = 1.00001;
+const uint MOST_BESIDE = 8u;
 const uint OUTSIDE = 2147483648u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -207,7 +217,7 @@ vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
 }
 
 vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
-    bool local_6 = false;
+    bool local_7 = false;
     vec3 _e5 = high_of(d_2);
     vec3 _e6 = high_of(c_3);
     vec3 _e8 = low_of(d_2);
@@ -217,11 +227,11 @@ vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
     float _e14 = height_of(a_6, to_place);
     float _e15 = height_of(a_6, _e12);
     if (!((_e13 == 0.0))) {
-        local_6 = (_e14 == 0.0);
+        local_7 = (_e14 == 0.0);
     } else {
-        local_6 = true;
+        local_7 = true;
     }
-    bool _e25 = local_6;
+    bool _e25 = local_7;
     vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
     return _e27;
 }
@@ -296,15 +306,15 @@ void touch(uint layer_6, uint id_1) {
 }
 
 void add_side(uint layer_7, uint id_2, uint weight) {
-    bool local_7 = false;
+    bool local_8 = false;
     uint _e7 = _group_1_binding_1_cs.patch_count;
     uint _e14 = atomicAdd(_group_1_binding_28_cs[((layer_7 * ((2u * _e7) + 2u)) + id_2)], weight);
     if ((_e14 == 0u)) {
-        local_7 = (weight > 0u);
+        local_8 = (weight > 0u);
     } else {
-        local_7 = false;
+        local_8 = false;
     }
-    bool _e22 = local_7;
+    bool _e22 = local_8;
     if (_e22) {
         uint _e24 = shown_base(layer_7);
         uint _e26 = shown_count(layer_7);
@@ -332,18 +342,18 @@ vec3 placed(View v_10, Vertex c_5) {
 }
 
 vec3 between(View v_11, Vertex from_corner, Vertex to_corner, vec3 from_place_1, vec3 to_place_1) {
-    bool local_8 = false;
+    bool local_9 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
     vec3 _e12 = turned(v_11, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place_1.z == 0.0))) {
-        local_8 = (to_place_1.z == 0.0);
+        local_9 = (to_place_1.z == 0.0);
     } else {
-        local_8 = true;
+        local_9 = true;
     }
-    bool _e28 = local_8;
+    bool _e28 = local_9;
     return vec3(_e12.xy, (_e28 ? (to_place_1.z - from_place_1.z) : _e12.z));
 }
 
@@ -403,73 +413,150 @@ vec3 centre(uint face_2, uvec2 at_1) {
     return vec3(vec2(from_middle), float(n_2));
 }
 
-float nearness(View v_13, uint id_4, uint face_3, vec3 direction_1) {
-    bool local_9 = false;
-    bool local_10 = false;
-    uint _e4 = triangle_of(id_4);
-    Triangle _e5 = triangle(v_13, _e4);
-    vec3 _e8 = to_face(face_3, _e5.places[0]);
-    vec3 _e11 = to_face(face_3, _e5.places[1]);
-    vec3 _e14 = to_face(face_3, _e5.places[2]);
-    vec3 _e17 = to_face(face_3, _e5.sides[0]);
-    vec3 _e20 = to_face(face_3, _e5.sides[1]);
-    vec3 _e23 = to_face(face_3, _e5.sides[2]);
-    vec3 _e24 = cross_fused(_e17, _e20);
-    float _e25 = dot_fused(_e24, _e8);
-    float turn_1 = ((_e25 > 0.0) ? 1.0 : -1.0);
-    vec3 _e32 = cross_fused((_e8 + _e11), _e17);
-    float _e34 = side_of((turn_1 * _e32), direction_1);
-    if ((_e34 > 0.0)) {
-        vec3 _e40 = cross_fused((_e11 + _e14), _e20);
-        float _e42 = side_of((turn_1 * _e40), direction_1);
-        local_9 = (_e42 > 0.0);
-    } else {
-        local_9 = false;
-    }
-    bool _e46 = local_9;
-    if (_e46) {
-        vec3 _e50 = cross_fused((_e14 + _e8), _e23);
-        float _e52 = side_of((turn_1 * _e50), direction_1);
-        local_10 = (_e52 > 0.0);
-    } else {
-        local_10 = false;
-    }
-    bool inside = local_10;
-    float _e57 = dot_fused(_e24, direction_1);
-    return (inside ? (_e57 / _e25) : 0.0);
+There there(View v_13, uint number_1, uint face_3, vec3 direction_1) {
+    Triangle _e4 = triangle(v_13, number_1);
+    vec3 _e7 = to_face(face_3, _e4.places[0]);
+    vec3 _e10 = to_face(face_3, _e4.places[1]);
+    vec3 _e13 = to_face(face_3, _e4.places[2]);
+    vec3 _e16 = to_face(face_3, _e4.sides[0]);
+    vec3 _e19 = to_face(face_3, _e4.sides[1]);
+    vec3 _e22 = to_face(face_3, _e4.sides[2]);
+    vec3 _e23 = cross_fused(_e16, _e19);
+    float _e24 = dot_fused(_e23, _e7);
+    float turn_1 = ((_e24 > 0.0) ? 1.0 : -1.0);
+    vec3 _e31 = cross_fused((_e7 + _e10), _e16);
+    float _e33 = side_of((turn_1 * _e31), direction_1);
+    vec3 _e35 = cross_fused((_e10 + _e13), _e19);
+    float _e37 = side_of((turn_1 * _e35), direction_1);
+    vec3 _e39 = cross_fused((_e13 + _e7), _e22);
+    float _e41 = side_of((turn_1 * _e39), direction_1);
+    vec3 sides_2 = vec3(_e33, _e37, _e41);
+    float _e43 = dot_fused(_e23, direction_1);
+    return There((_e43 / _e24), sides_2, (_e24 > 0.0));
 }
 
-vec4 within(uint face_4, vec3 p_5) {
+bool is_inside(There t) {
+    return all(greaterThan(t.sides, vec3(0.0)));
+}
+
+float nearness(View v_14, uint id_4, uint face_4, vec3 direction_2) {
+    uint _e4 = triangle_of(id_4);
+    There _e5 = there(v_14, _e4, face_4, direction_2);
+    bool _e7 = is_inside(_e5);
+    return (_e7 ? _e5.nearness : 0.0);
+}
+
+uint worst(There t_1) {
+    uint later = ((t_1.sides.z < t_1.sides.y) ? 2u : 1u);
+    return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
+}
+
+Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
+    uint start = 0u;
+    uint side = 0u;
+    uint step_ = 0u;
+    bool local_10 = false;
+    bool local_11 = false;
+    bool local_12 = false;
+    uint _e7 = _group_1_binding_1_cs.triangle_count;
+    uint first_of_sides = (3u * _e7);
+    uint _e9 = triangle_of(id_5);
+    There _e10 = there(v_15, _e9, face_5, direction_3);
+    uint _e13 = worst(_e10);
+    start = ((3u * _e9) + _e13);
+    uint _e17 = start;
+    uint _e20 = _group_1_binding_16_cs[(first_of_sides + _e17)];
+    side = _e20;
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e102 = step_;
+            step_ = (_e102 + 1u);
+        }
+        loop_init = false;
+        uint _e24 = step_;
+        if ((_e24 < MOST_BESIDE)) {
+            uint _e29 = side;
+            uint _e30 = start;
+            local_10 = (_e29 != _e30);
+        } else {
+            local_10 = false;
+        }
+        bool _e33 = local_10;
+        if (_e33) {
+        } else {
+            break;
+        }
+        {
+            uint _e34 = side;
+            uint other = (_e34 / 3u);
+            There _e37 = there(v_15, other, face_5, direction_3);
+            uint _e43 = _group_1_binding_16_cs[(3u * other)];
+            Vertex owner = _group_1_binding_15_cs[_e43];
+            bool is_folded = (_e37.is_back != _e10.is_back);
+            bool _e49 = is_inside(_e37);
+            if (_e49) {
+                local_11 = !(is_folded);
+            } else {
+                local_11 = false;
+            }
+            bool _e54 = local_11;
+            if (_e54) {
+                uint _e58 = _group_1_binding_1_cs.patch_count;
+                uint _e66 = _group_1_binding_1_cs.patch_count;
+                uint back = ((owner.back == _e66) ? ((_e58 + 2u) + owner.front) : owner.back);
+                if (!((owner.front == v_15.emitter))) {
+                    local_12 = (owner.back == v_15.emitter);
+                } else {
+                    local_12 = true;
+                }
+                bool is_emitter = local_12;
+                return Found((_e37.is_back ? back : owner.front), (is_emitter ? 0.0 : _e37.nearness));
+            }
+            uint _e89 = worst(_e37);
+            uint _e91 = side;
+            uint next = (is_folded ? _e91 : ((3u * other) + _e89));
+            uint _e93 = start;
+            uint _e94 = side;
+            start = ((next == _e94) ? _e93 : next);
+            uint _e100 = _group_1_binding_16_cs[(first_of_sides + next)];
+            side = _e100;
+        }
+    }
+    return Found(id_5, 0.0);
+}
+
+vec4 within(uint face_6, vec3 p_5) {
     uint _e4 = _group_1_binding_1_cs.resolution;
     float pixel = (2.0 / float(_e4));
     float wide = ((1.0 + pixel) * p_5.z);
-    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
+    float below = (((face_6 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
     return vec4((wide - p_5.x), (wide + p_5.x), (wide - p_5.y), (below + p_5.y));
 }
 
-bool is_outside(uint face_5, vec3 p_6, vec3 q) {
-    vec3 _e3 = to_face(face_5, p_6);
-    vec4 _e4 = within(face_5, _e3);
-    vec3 _e8 = to_face(face_5, q);
-    vec4 _e9 = within(face_5, _e8);
+bool is_outside(uint face_7, vec3 p_6, vec3 q) {
+    vec3 _e3 = to_face(face_7, p_6);
+    vec4 _e4 = within(face_7, _e3);
+    vec3 _e8 = to_face(face_7, q);
+    vec4 _e9 = within(face_7, _e8);
     return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
 }
 
-void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
-    bool local_11 = false;
-    bool local_12 = false;
+void walk(uint layer_8, uint face_8, vec3 from_frame, vec3 along_frame) {
+    bool local_13 = false;
+    bool local_14 = false;
     float major = 0.0;
     float last = 0.0;
     float minor = 0.0;
-    bool local_13 = false;
-    bool local_14 = false;
     bool local_15 = false;
+    bool local_16 = false;
+    bool local_17 = false;
     uint _e6 = _group_1_binding_1_cs.resolution;
     float n_3 = float(_e6);
-    vec3 _e8 = to_face(face_6, from_frame);
-    vec3 _e9 = to_face(face_6, along_frame);
-    vec4 _e10 = within(face_6, _e8);
-    vec4 _e12 = within(face_6, (_e8 + _e9));
+    vec3 _e8 = to_face(face_8, from_frame);
+    vec3 _e9 = to_face(face_8, along_frame);
+    vec4 _e10 = within(face_8, _e8);
+    vec4 _e12 = within(face_8, (_e8 + _e9));
     vec4 crossing = (_e10 / (_e10 - _e12));
     vec4 begins = mix(vec4(0.0), crossing, lessThan(_e10, vec4(0.0)));
     vec4 ends = mix(vec4(1.0), crossing, lessThan(_e12, vec4(0.0)));
@@ -478,24 +565,24 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
     vec3 a_9 = (_e8 + (begin * _e9));
     vec3 b_4 = (_e8 + (end_1 * _e9));
     if ((begin < end_1)) {
-        local_11 = (a_9.z > 0.0);
+        local_13 = (a_9.z > 0.0);
     } else {
-        local_11 = false;
+        local_13 = false;
     }
-    bool _e52 = local_11;
+    bool _e52 = local_13;
     if (_e52) {
-        local_12 = (b_4.z > 0.0);
+        local_14 = (b_4.z > 0.0);
     } else {
-        local_12 = false;
+        local_14 = false;
     }
-    bool is_seen = local_12;
-    vec2 shift = ((vec2(n_3, ((face_6 == 0u) ? n_3 : 0.0)) * 0.5) - vec2(0.5));
+    bool is_seen = local_14;
+    vec2 shift = ((vec2(n_3, ((face_8 == 0u) ? n_3 : 0.0)) * 0.5) - vec2(0.5));
     vec2 from_pixel = (((a_9.xy / vec2(a_9.z)) * (0.5 * n_3)) + shift);
     vec2 to_pixel = (((b_4.xy / vec2(b_4.z)) * (0.5 * n_3)) + shift);
     vec2 reach = abs((to_pixel - from_pixel));
     bool is_steep = (reach.y > reach.x);
     vec3 e = cross(_e8, _e9);
-    vec2 size = vec2(n_3, ((face_6 == 0u) ? n_3 : (0.5 * n_3)));
+    vec2 size = vec2(n_3, ((face_8 == 0u) ? n_3 : (0.5 * n_3)));
     vec2 line = (is_steep ? e.yx : e.xy);
     vec2 shifts = (is_steep ? shift.yx : shift);
     vec2 sizes = (is_steep ? size.yx : size);
@@ -504,7 +591,7 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
     float offset = ((shifts.y - (slope * shifts.x)) - (((0.5 * n_3) * e.z) / line.y));
     uint _e129 = _group_1_binding_1_cs.resolution;
     uint _e134 = _group_1_binding_1_cs.resolution;
-    uint first_row_1 = ((face_6 == 0u) ? 0u : (_e129 + ((face_6 - 1u) * (_e134 / 2u))));
+    uint first_row_1 = ((face_8 == 0u) ? 0u : (_e129 + ((face_8 - 1u) * (_e134 / 2u))));
     major = max(ceil((min(ends_of.x, ends_of.y) - NEAR_CENTRE)), 0.0);
     last = min(floor((max(ends_of.x, ends_of.y) + NEAR_CENTRE)), (sizes.x - 1.0));
     float _e163 = last;
@@ -525,11 +612,11 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
                 if ((abs((_e173 - roundEven(_e174))) > NEAR_CENTRE)) {
                     float _e182 = major;
                     float _e183 = last;
-                    local_13 = (_e182 < _e183);
+                    local_15 = (_e182 < _e183);
                 } else {
-                    local_13 = false;
+                    local_15 = false;
                 }
-                bool _e186 = local_13;
+                bool _e186 = local_15;
                 if (_e186) {
                 } else {
                     break;
@@ -545,17 +632,17 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
             float nearest = roundEven(_e193);
             float _e195 = minor;
             if ((abs((_e195 - nearest)) <= NEAR_CENTRE)) {
-                local_14 = (nearest >= 0.0);
+                local_16 = (nearest >= 0.0);
             } else {
-                local_14 = false;
+                local_16 = false;
             }
-            bool _e205 = local_14;
+            bool _e205 = local_16;
             if (_e205) {
-                local_15 = (nearest < sizes.y);
+                local_17 = (nearest < sizes.y);
             } else {
-                local_15 = false;
+                local_17 = false;
             }
-            bool _e211 = local_15;
+            bool _e211 = local_17;
             if (_e211) {
                 float _e212 = major;
                 float _e214 = major;
@@ -589,18 +676,18 @@ void main() {
     vec3 d = vec3(0.0);
     uint face = 0u;
     uint _e5 = _group_0_binding_0_cs.slot;
-    View v_14 = _group_1_binding_2_cs[((_e5 + thread.y) * 5u)];
-    uint layer_9 = v_14.layer;
+    View v_16 = _group_1_binding_2_cs[((_e5 + thread.y) * 5u)];
+    uint layer_9 = v_16.layer;
     uint _e14 = shown_count(layer_9);
     uint count = atomicOr(_group_1_binding_26_cs[_e14], 0u);
     i_1 = thread.x;
-    bool loop_init = true;
+    bool loop_init_1 = true;
     while(true) {
-        if (!loop_init) {
+        if (!loop_init_1) {
             uint _e44 = i_1;
             i_1 = (_e44 + (groups.x * GROUP));
         }
-        loop_init = false;
+        loop_init_1 = false;
         uint _e19 = i_1;
         if ((_e19 < count)) {
         } else {
@@ -609,22 +696,22 @@ void main() {
         {
             uint _e22 = shown_base(layer_9);
             uint _e23 = i_1;
-            uint id_5 = _group_1_binding_27_cs[(_e22 + _e23)];
+            uint id_6 = _group_1_binding_27_cs[(_e22 + _e23)];
             uint _e31 = _group_1_binding_1_cs.patch_count;
-            uint _e39 = atomicExchange(_group_1_binding_28_cs[((layer_9 * ((2u * _e31) + 2u)) + id_5)], 0u);
-            uint _e41 = visible_at(layer_9, id_5);
+            uint _e39 = atomicExchange(_group_1_binding_28_cs[((layer_9 * ((2u * _e31) + 2u)) + id_6)], 0u);
+            uint _e41 = visible_at(layer_9, id_6);
             uint _e43 = atomicAdd(_group_1_binding_13_cs[_e41], _e39);
-            touch(layer_9, id_5);
+            touch(layer_9, id_6);
         }
     }
     i_2 = thread.x;
-    bool loop_init_1 = true;
+    bool loop_init_2 = true;
     while(true) {
-        if (!loop_init_1) {
+        if (!loop_init_2) {
             uint _e135 = i_2;
             i_2 = (_e135 + (groups.x * GROUP));
         }
-        loop_init_1 = false;
+        loop_init_2 = false;
         uint _e51 = i_2;
         if ((_e51 < (3u * count))) {
         } else {
@@ -633,34 +720,34 @@ void main() {
         {
             uint _e56 = shown_base(layer_9);
             uint _e57 = i_2;
-            uint id_6 = _group_1_binding_27_cs[(_e56 + (_e57 / 3u))];
+            uint id_7 = _group_1_binding_27_cs[(_e56 + (_e57 / 3u))];
             uint _e63 = i_2;
             uint k_2 = (_e63 % 3u);
             faces = 0u;
             p = vec3(0.0);
             d = vec3(0.0);
             uint _e76 = _group_1_binding_1_cs.patch_count;
-            if ((id_6 != (_e76 + 1u))) {
-                uint _e81 = triangle_of(id_6);
+            if ((id_7 != (_e76 + 1u))) {
+                uint _e81 = triangle_of(id_7);
                 uint corner = (3u * _e81);
                 uint _e87 = _group_1_binding_16_cs[(corner + k_2)];
                 Vertex a_10 = _group_1_binding_15_cs[_e87];
                 uint _e98 = _group_1_binding_16_cs[(corner + ((k_2 + 1u) % 3u))];
                 Vertex b_5 = _group_1_binding_15_cs[_e98];
-                vec3 _e101 = placed(v_14, a_10);
+                vec3 _e101 = placed(v_16, a_10);
                 p = _e101;
-                vec3 _e102 = placed(v_14, b_5);
+                vec3 _e102 = placed(v_16, b_5);
                 vec3 _e103 = p;
-                vec3 _e104 = between(v_14, a_10, b_5, _e103, _e102);
+                vec3 _e104 = between(v_16, a_10, b_5, _e103, _e102);
                 d = _e104;
                 face = 0u;
-                bool loop_init_2 = true;
+                bool loop_init_3 = true;
                 while(true) {
-                    if (!loop_init_2) {
+                    if (!loop_init_3) {
                         uint _e121 = face;
                         face = (_e121 + 1u);
                     }
-                    loop_init_2 = false;
+                    loop_init_3 = false;
                     uint _e107 = face;
                     if ((_e107 < 5u)) {
                     } else {

@@ -77,10 +77,20 @@ struct Triangle {
     vec3 places[3];
     vec3 sides[3];
 };
+struct There {
+    float nearness;
+    vec3 sides;
+    bool is_back;
+};
+struct Found {
+    uint id;
+    float nearness;
+};
 const uint RUN = 32u;
 const uint GROUP = 64u;
 const float NEAR_CENTRE = 0.0078125;
 const float IN_FRONT = 1.00001;
+const uint MOST_BESIDE = 8u;
 const uint OUTSIDE = 2147483648u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -199,7 +209,7 @@ vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
 }
 
 vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
-    bool local_6 = false;
+    bool local_7 = false;
     vec3 _e5 = high_of(d_2);
     vec3 _e6 = high_of(c_3);
     vec3 _e8 = low_of(d_2);
@@ -209,11 +219,11 @@ vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
     float _e14 = height_of(a_6, to_place);
     float _e15 = height_of(a_6, _e12);
     if (!((_e13 == 0.0))) {
-        local_6 = (_e14 == 0.0);
+        local_7 = (_e14 == 0.0);
     } else {
-        local_6 = true;
+        local_7 = true;
     }
-    bool _e25 = local_6;
+    bool _e25 = local_7;
     vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
     return _e27;
 }
@@ -303,18 +313,18 @@ vec3 placed(View v_10, Vertex c_5) {
 }
 
 vec3 between(View v_11, Vertex from_corner, Vertex to_corner, vec3 from_place_1, vec3 to_place_1) {
-    bool local_8 = false;
+    bool local_9 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
     vec3 _e12 = turned(v_11, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place_1.z == 0.0))) {
-        local_8 = (to_place_1.z == 0.0);
+        local_9 = (to_place_1.z == 0.0);
     } else {
-        local_8 = true;
+        local_9 = true;
     }
-    bool _e28 = local_8;
+    bool _e28 = local_9;
     return vec3(_e12.xy, (_e28 ? (to_place_1.z - from_place_1.z) : _e12.z));
 }
 
@@ -351,19 +361,28 @@ vec3 centre(uint face_2, uvec2 at_1) {
     return vec3(vec2(from_middle), float(n_2));
 }
 
-vec4 within(uint face_4, vec3 p_5) {
+bool is_inside(There t) {
+    return all(greaterThan(t.sides, vec3(0.0)));
+}
+
+uint worst(There t_1) {
+    uint later = ((t_1.sides.z < t_1.sides.y) ? 2u : 1u);
+    return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
+}
+
+vec4 within(uint face_6, vec3 p_5) {
     uint _e4 = _group_1_binding_1_cs.resolution;
     float pixel = (2.0 / float(_e4));
     float wide = ((1.0 + pixel) * p_5.z);
-    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
+    float below = (((face_6 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
     return vec4((wide - p_5.x), (wide + p_5.x), (wide - p_5.y), (below + p_5.y));
 }
 
-bool is_outside(uint face_5, vec3 p_6, vec3 q) {
-    vec3 _e3 = to_face(face_5, p_6);
-    vec4 _e4 = within(face_5, _e3);
-    vec3 _e8 = to_face(face_5, q);
-    vec4 _e9 = within(face_5, _e8);
+bool is_outside(uint face_7, vec3 p_6, vec3 q) {
+    vec3 _e3 = to_face(face_7, p_6);
+    vec4 _e4 = within(face_7, _e3);
+    vec3 _e8 = to_face(face_7, q);
+    vec4 _e9 = within(face_7, _e8);
     return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
 }
 
@@ -371,7 +390,7 @@ void main() {
     uvec3 thread_2 = gl_GlobalInvocationID;
     uvec3 groups_2 = gl_NumWorkGroups;
     uint i_4 = 0u;
-    bool local_2 = false;
+    bool local_3 = false;
     uint _e4 = _group_0_binding_0_cs.layer;
     uint layer_9 = (_e4 + thread_2.y);
     uint n_3 = _group_1_binding_1_cs.resolution;
@@ -398,22 +417,22 @@ void main() {
             uint _e25 = listed_base(layer_9);
             uint _e27 = i_4;
             uint place_1 = (_e25 + (3u * _e27));
-            uint id_5 = _group_1_binding_27_cs[(place_1 + 1u)];
+            uint id_6 = _group_1_binding_27_cs[(place_1 + 1u)];
             uint shown = _group_1_binding_27_cs[(place_1 + 2u)];
-            if ((id_5 != shown)) {
+            if ((id_6 != shown)) {
                 uint _e43 = _group_1_binding_27_cs[place_1];
                 uint pixel_1 = (_e43 & 2147483647u);
                 ivec2 at_2 = ivec2(uvec2((pixel_1 % n_3), (pixel_1 / n_3)));
-                imageStore(_group_1_binding_29_cs, ivec3(at_2, int(layer_9)), uvec4(id_5, 0u, 0u, 0u));
+                imageStore(_group_1_binding_29_cs, ivec3(at_2, int(layer_9)), uvec4(id_6, 0u, 0u, 0u));
                 uint _e58 = _group_1_binding_1_cs.patch_count;
                 if ((shown < _e58)) {
                     uint _e63 = visible_at(layer_9, shown);
                     uint _e65 = atomicOr(_group_1_binding_13_cs[_e63], 0u);
-                    local_2 = (_e65 == 0u);
+                    local_3 = (_e65 == 0u);
                 } else {
-                    local_2 = false;
+                    local_3 = false;
                 }
-                bool _e69 = local_2;
+                bool _e69 = local_3;
                 if (_e69) {
                     uint _e73 = _group_1_binding_1_cs.word_count;
                     uint _e84 = atomicAnd(_group_1_binding_14_cs[((layer_9 * _e73) + (shown / 32u))], ~((1u << (shown % 32u))));

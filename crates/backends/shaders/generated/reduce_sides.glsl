@@ -77,10 +77,20 @@ struct Triangle {
     vec3 places[3];
     vec3 sides[3];
 };
+struct There {
+    float nearness;
+    vec3 sides;
+    bool is_back;
+};
+struct Found {
+    uint id;
+    float nearness;
+};
 const uint RUN = 32u;
 const uint GROUP = 64u;
 const float NEAR_CENTRE = 0.0078125;
 const float IN_FRONT = 1.00001;
+const uint MOST_BESIDE = 8u;
 const uint OUTSIDE = 2147483648u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -199,7 +209,7 @@ vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
 }
 
 vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
-    bool local_6 = false;
+    bool local_7 = false;
     vec3 _e5 = high_of(d_2);
     vec3 _e6 = high_of(c_3);
     vec3 _e8 = low_of(d_2);
@@ -209,11 +219,11 @@ vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
     float _e14 = height_of(a_6, to_place);
     float _e15 = height_of(a_6, _e12);
     if (!((_e13 == 0.0))) {
-        local_6 = (_e14 == 0.0);
+        local_7 = (_e14 == 0.0);
     } else {
-        local_6 = true;
+        local_7 = true;
     }
-    bool _e25 = local_6;
+    bool _e25 = local_7;
     vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
     return _e27;
 }
@@ -277,15 +287,15 @@ uint visible_at(uint layer_5, uint id) {
 }
 
 void add_side(uint layer_7, uint id_2, uint weight) {
-    bool local_7 = false;
+    bool local_8 = false;
     uint _e7 = _group_1_binding_1_cs.patch_count;
     uint _e14 = atomicAdd(_group_1_binding_28_cs[((layer_7 * ((2u * _e7) + 2u)) + id_2)], weight);
     if ((_e14 == 0u)) {
-        local_7 = (weight > 0u);
+        local_8 = (weight > 0u);
     } else {
-        local_7 = false;
+        local_8 = false;
     }
-    bool _e22 = local_7;
+    bool _e22 = local_8;
     if (_e22) {
         uint _e24 = shown_base(layer_7);
         uint _e26 = shown_count(layer_7);
@@ -313,18 +323,18 @@ vec3 placed(View v_10, Vertex c_5) {
 }
 
 vec3 between(View v_11, Vertex from_corner, Vertex to_corner, vec3 from_place_1, vec3 to_place_1) {
-    bool local_8 = false;
+    bool local_9 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
     vec3 _e12 = turned(v_11, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place_1.z == 0.0))) {
-        local_8 = (to_place_1.z == 0.0);
+        local_9 = (to_place_1.z == 0.0);
     } else {
-        local_8 = true;
+        local_9 = true;
     }
-    bool _e28 = local_8;
+    bool _e28 = local_9;
     return vec3(_e12.xy, (_e28 ? (to_place_1.z - from_place_1.z) : _e12.z));
 }
 
@@ -361,37 +371,46 @@ vec3 centre(uint face_2, uvec2 at_1) {
     return vec3(vec2(from_middle), float(n_2));
 }
 
-vec4 within(uint face_4, vec3 p_5) {
+bool is_inside(There t) {
+    return all(greaterThan(t.sides, vec3(0.0)));
+}
+
+uint worst(There t_1) {
+    uint later = ((t_1.sides.z < t_1.sides.y) ? 2u : 1u);
+    return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
+}
+
+vec4 within(uint face_6, vec3 p_5) {
     uint _e4 = _group_1_binding_1_cs.resolution;
     float pixel = (2.0 / float(_e4));
     float wide = ((1.0 + pixel) * p_5.z);
-    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
+    float below = (((face_6 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
     return vec4((wide - p_5.x), (wide + p_5.x), (wide - p_5.y), (below + p_5.y));
 }
 
-bool is_outside(uint face_5, vec3 p_6, vec3 q) {
-    vec3 _e3 = to_face(face_5, p_6);
-    vec4 _e4 = within(face_5, _e3);
-    vec3 _e8 = to_face(face_5, q);
-    vec4 _e9 = within(face_5, _e8);
+bool is_outside(uint face_7, vec3 p_6, vec3 q) {
+    vec3 _e3 = to_face(face_7, p_6);
+    vec4 _e4 = within(face_7, _e3);
+    vec3 _e8 = to_face(face_7, q);
+    vec4 _e9 = within(face_7, _e8);
     return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
 }
 
-void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
-    bool local_11 = false;
-    bool local_12 = false;
+void walk(uint layer_8, uint face_8, vec3 from_frame, vec3 along_frame) {
+    bool local_13 = false;
+    bool local_14 = false;
     float major = 0.0;
     float last = 0.0;
     float minor = 0.0;
-    bool local_13 = false;
-    bool local_14 = false;
     bool local_15 = false;
+    bool local_16 = false;
+    bool local_17 = false;
     uint _e6 = _group_1_binding_1_cs.resolution;
     float n_3 = float(_e6);
-    vec3 _e8 = to_face(face_6, from_frame);
-    vec3 _e9 = to_face(face_6, along_frame);
-    vec4 _e10 = within(face_6, _e8);
-    vec4 _e12 = within(face_6, (_e8 + _e9));
+    vec3 _e8 = to_face(face_8, from_frame);
+    vec3 _e9 = to_face(face_8, along_frame);
+    vec4 _e10 = within(face_8, _e8);
+    vec4 _e12 = within(face_8, (_e8 + _e9));
     vec4 crossing = (_e10 / (_e10 - _e12));
     vec4 begins = mix(vec4(0.0), crossing, lessThan(_e10, vec4(0.0)));
     vec4 ends = mix(vec4(1.0), crossing, lessThan(_e12, vec4(0.0)));
@@ -400,24 +419,24 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
     vec3 a_8 = (_e8 + (begin * _e9));
     vec3 b_3 = (_e8 + (end_1 * _e9));
     if ((begin < end_1)) {
-        local_11 = (a_8.z > 0.0);
+        local_13 = (a_8.z > 0.0);
     } else {
-        local_11 = false;
+        local_13 = false;
     }
-    bool _e52 = local_11;
+    bool _e52 = local_13;
     if (_e52) {
-        local_12 = (b_3.z > 0.0);
+        local_14 = (b_3.z > 0.0);
     } else {
-        local_12 = false;
+        local_14 = false;
     }
-    bool is_seen = local_12;
-    vec2 shift = ((vec2(n_3, ((face_6 == 0u) ? n_3 : 0.0)) * 0.5) - vec2(0.5));
+    bool is_seen = local_14;
+    vec2 shift = ((vec2(n_3, ((face_8 == 0u) ? n_3 : 0.0)) * 0.5) - vec2(0.5));
     vec2 from_pixel = (((a_8.xy / vec2(a_8.z)) * (0.5 * n_3)) + shift);
     vec2 to_pixel = (((b_3.xy / vec2(b_3.z)) * (0.5 * n_3)) + shift);
     vec2 reach = abs((to_pixel - from_pixel));
     bool is_steep = (reach.y > reach.x);
     vec3 e = cross(_e8, _e9);
-    vec2 size = vec2(n_3, ((face_6 == 0u) ? n_3 : (0.5 * n_3)));
+    vec2 size = vec2(n_3, ((face_8 == 0u) ? n_3 : (0.5 * n_3)));
     vec2 line = (is_steep ? e.yx : e.xy);
     vec2 shifts = (is_steep ? shift.yx : shift);
     vec2 sizes = (is_steep ? size.yx : size);
@@ -426,7 +445,7 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
     float offset = ((shifts.y - (slope * shifts.x)) - (((0.5 * n_3) * e.z) / line.y));
     uint _e129 = _group_1_binding_1_cs.resolution;
     uint _e134 = _group_1_binding_1_cs.resolution;
-    uint first_row_1 = ((face_6 == 0u) ? 0u : (_e129 + ((face_6 - 1u) * (_e134 / 2u))));
+    uint first_row_1 = ((face_8 == 0u) ? 0u : (_e129 + ((face_8 - 1u) * (_e134 / 2u))));
     major = max(ceil((min(ends_of.x, ends_of.y) - NEAR_CENTRE)), 0.0);
     last = min(floor((max(ends_of.x, ends_of.y) + NEAR_CENTRE)), (sizes.x - 1.0));
     float _e163 = last;
@@ -447,11 +466,11 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
                 if ((abs((_e173 - roundEven(_e174))) > NEAR_CENTRE)) {
                     float _e182 = major;
                     float _e183 = last;
-                    local_13 = (_e182 < _e183);
+                    local_15 = (_e182 < _e183);
                 } else {
-                    local_13 = false;
+                    local_15 = false;
                 }
-                bool _e186 = local_13;
+                bool _e186 = local_15;
                 if (_e186) {
                 } else {
                     break;
@@ -467,17 +486,17 @@ void walk(uint layer_8, uint face_6, vec3 from_frame, vec3 along_frame) {
             float nearest = roundEven(_e193);
             float _e195 = minor;
             if ((abs((_e195 - nearest)) <= NEAR_CENTRE)) {
-                local_14 = (nearest >= 0.0);
+                local_16 = (nearest >= 0.0);
             } else {
-                local_14 = false;
+                local_16 = false;
             }
-            bool _e205 = local_14;
+            bool _e205 = local_16;
             if (_e205) {
-                local_15 = (nearest < sizes.y);
+                local_17 = (nearest < sizes.y);
             } else {
-                local_15 = false;
+                local_17 = false;
             }
-            bool _e211 = local_15;
+            bool _e211 = local_17;
             if (_e211) {
                 float _e212 = major;
                 float _e214 = major;
@@ -549,15 +568,15 @@ void main() {
             }
             ivec2 _e63 = at;
             uvec4 _e66 = texelFetch(_group_1_binding_11_cs, ivec3(_e63, int(layer_9)), 0);
-            uint id_5 = _e66.x;
+            uint id_6 = _e66.x;
             uint _e69 = i;
             uint weight_1 = _group_1_binding_12_cs[(first_2 + _e69)];
             uint _e73 = current;
-            if ((id_5 != _e73)) {
+            if ((id_6 != _e73)) {
                 uint _e75 = current;
                 uint _e76 = sum;
                 add_side(layer_9, _e75, _e76);
-                current = id_5;
+                current = id_6;
                 sum = 0u;
             }
             uint _e78 = sum;

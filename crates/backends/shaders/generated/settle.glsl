@@ -77,10 +77,20 @@ struct Triangle {
     vec3 places[3];
     vec3 sides[3];
 };
+struct There {
+    float nearness;
+    vec3 sides;
+    bool is_back;
+};
+struct Found {
+    uint id;
+    float nearness;
+};
 const uint RUN = 32u;
 const uint GROUP = 64u;
 const float NEAR_CENTRE = 0.0078125;
 const float IN_FRONT = 1.00001;
+const uint MOST_BESIDE = 8u;
 const uint OUTSIDE = 2147483648u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -209,7 +219,7 @@ vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
 }
 
 vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
-    bool local_6 = false;
+    bool local_7 = false;
     vec3 _e5 = high_of(d_2);
     vec3 _e6 = high_of(c_3);
     vec3 _e8 = low_of(d_2);
@@ -219,11 +229,11 @@ vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
     float _e14 = height_of(a_6, to_place);
     float _e15 = height_of(a_6, _e12);
     if (!((_e13 == 0.0))) {
-        local_6 = (_e14 == 0.0);
+        local_7 = (_e14 == 0.0);
     } else {
-        local_6 = true;
+        local_7 = true;
     }
-    bool _e25 = local_6;
+    bool _e25 = local_7;
     vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
     return _e27;
 }
@@ -313,18 +323,18 @@ vec3 placed(View v_10, Vertex c_5) {
 }
 
 vec3 between(View v_11, Vertex from_corner, Vertex to_corner, vec3 from_place_1, vec3 to_place_1) {
-    bool local_8 = false;
+    bool local_9 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
     vec3 _e12 = turned(v_11, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place_1.z == 0.0))) {
-        local_8 = (to_place_1.z == 0.0);
+        local_9 = (to_place_1.z == 0.0);
     } else {
-        local_8 = true;
+        local_9 = true;
     }
-    bool _e28 = local_8;
+    bool _e28 = local_9;
     return vec3(_e12.xy, (_e28 ? (to_place_1.z - from_place_1.z) : _e12.z));
 }
 
@@ -384,55 +394,132 @@ vec3 centre(uint face_2, uvec2 at_1) {
     return vec3(vec2(from_middle), float(n_2));
 }
 
-float nearness(View v_13, uint id_4, uint face_3, vec3 direction_1) {
-    bool local_9 = false;
-    bool local_10 = false;
-    uint _e4 = triangle_of(id_4);
-    Triangle _e5 = triangle(v_13, _e4);
-    vec3 _e8 = to_face(face_3, _e5.places[0]);
-    vec3 _e11 = to_face(face_3, _e5.places[1]);
-    vec3 _e14 = to_face(face_3, _e5.places[2]);
-    vec3 _e17 = to_face(face_3, _e5.sides[0]);
-    vec3 _e20 = to_face(face_3, _e5.sides[1]);
-    vec3 _e23 = to_face(face_3, _e5.sides[2]);
-    vec3 _e24 = cross_fused(_e17, _e20);
-    float _e25 = dot_fused(_e24, _e8);
-    float turn_1 = ((_e25 > 0.0) ? 1.0 : -1.0);
-    vec3 _e32 = cross_fused((_e8 + _e11), _e17);
-    float _e34 = side_of((turn_1 * _e32), direction_1);
-    if ((_e34 > 0.0)) {
-        vec3 _e40 = cross_fused((_e11 + _e14), _e20);
-        float _e42 = side_of((turn_1 * _e40), direction_1);
-        local_9 = (_e42 > 0.0);
-    } else {
-        local_9 = false;
-    }
-    bool _e46 = local_9;
-    if (_e46) {
-        vec3 _e50 = cross_fused((_e14 + _e8), _e23);
-        float _e52 = side_of((turn_1 * _e50), direction_1);
-        local_10 = (_e52 > 0.0);
-    } else {
-        local_10 = false;
-    }
-    bool inside = local_10;
-    float _e57 = dot_fused(_e24, direction_1);
-    return (inside ? (_e57 / _e25) : 0.0);
+There there(View v_13, uint number_1, uint face_3, vec3 direction_1) {
+    Triangle _e4 = triangle(v_13, number_1);
+    vec3 _e7 = to_face(face_3, _e4.places[0]);
+    vec3 _e10 = to_face(face_3, _e4.places[1]);
+    vec3 _e13 = to_face(face_3, _e4.places[2]);
+    vec3 _e16 = to_face(face_3, _e4.sides[0]);
+    vec3 _e19 = to_face(face_3, _e4.sides[1]);
+    vec3 _e22 = to_face(face_3, _e4.sides[2]);
+    vec3 _e23 = cross_fused(_e16, _e19);
+    float _e24 = dot_fused(_e23, _e7);
+    float turn_1 = ((_e24 > 0.0) ? 1.0 : -1.0);
+    vec3 _e31 = cross_fused((_e7 + _e10), _e16);
+    float _e33 = side_of((turn_1 * _e31), direction_1);
+    vec3 _e35 = cross_fused((_e10 + _e13), _e19);
+    float _e37 = side_of((turn_1 * _e35), direction_1);
+    vec3 _e39 = cross_fused((_e13 + _e7), _e22);
+    float _e41 = side_of((turn_1 * _e39), direction_1);
+    vec3 sides_2 = vec3(_e33, _e37, _e41);
+    float _e43 = dot_fused(_e23, direction_1);
+    return There((_e43 / _e24), sides_2, (_e24 > 0.0));
 }
 
-vec4 within(uint face_4, vec3 p_5) {
+bool is_inside(There t) {
+    return all(greaterThan(t.sides, vec3(0.0)));
+}
+
+float nearness(View v_14, uint id_4, uint face_4, vec3 direction_2) {
+    uint _e4 = triangle_of(id_4);
+    There _e5 = there(v_14, _e4, face_4, direction_2);
+    bool _e7 = is_inside(_e5);
+    return (_e7 ? _e5.nearness : 0.0);
+}
+
+uint worst(There t_1) {
+    uint later = ((t_1.sides.z < t_1.sides.y) ? 2u : 1u);
+    return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
+}
+
+Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
+    uint start = 0u;
+    uint side = 0u;
+    uint step_ = 0u;
+    bool local_10 = false;
+    bool local_11 = false;
+    bool local_12 = false;
+    uint _e7 = _group_1_binding_1_cs.triangle_count;
+    uint first_of_sides = (3u * _e7);
+    uint _e9 = triangle_of(id_5);
+    There _e10 = there(v_15, _e9, face_5, direction_3);
+    uint _e13 = worst(_e10);
+    start = ((3u * _e9) + _e13);
+    uint _e17 = start;
+    uint _e20 = _group_1_binding_16_cs[(first_of_sides + _e17)];
+    side = _e20;
+    bool loop_init = true;
+    while(true) {
+        if (!loop_init) {
+            uint _e102 = step_;
+            step_ = (_e102 + 1u);
+        }
+        loop_init = false;
+        uint _e24 = step_;
+        if ((_e24 < MOST_BESIDE)) {
+            uint _e29 = side;
+            uint _e30 = start;
+            local_10 = (_e29 != _e30);
+        } else {
+            local_10 = false;
+        }
+        bool _e33 = local_10;
+        if (_e33) {
+        } else {
+            break;
+        }
+        {
+            uint _e34 = side;
+            uint other = (_e34 / 3u);
+            There _e37 = there(v_15, other, face_5, direction_3);
+            uint _e43 = _group_1_binding_16_cs[(3u * other)];
+            Vertex owner = _group_1_binding_15_cs[_e43];
+            bool is_folded = (_e37.is_back != _e10.is_back);
+            bool _e49 = is_inside(_e37);
+            if (_e49) {
+                local_11 = !(is_folded);
+            } else {
+                local_11 = false;
+            }
+            bool _e54 = local_11;
+            if (_e54) {
+                uint _e58 = _group_1_binding_1_cs.patch_count;
+                uint _e66 = _group_1_binding_1_cs.patch_count;
+                uint back = ((owner.back == _e66) ? ((_e58 + 2u) + owner.front) : owner.back);
+                if (!((owner.front == v_15.emitter))) {
+                    local_12 = (owner.back == v_15.emitter);
+                } else {
+                    local_12 = true;
+                }
+                bool is_emitter = local_12;
+                return Found((_e37.is_back ? back : owner.front), (is_emitter ? 0.0 : _e37.nearness));
+            }
+            uint _e89 = worst(_e37);
+            uint _e91 = side;
+            uint next = (is_folded ? _e91 : ((3u * other) + _e89));
+            uint _e93 = start;
+            uint _e94 = side;
+            start = ((next == _e94) ? _e93 : next);
+            uint _e100 = _group_1_binding_16_cs[(first_of_sides + next)];
+            side = _e100;
+        }
+    }
+    return Found(id_5, 0.0);
+}
+
+vec4 within(uint face_6, vec3 p_5) {
     uint _e4 = _group_1_binding_1_cs.resolution;
     float pixel = (2.0 / float(_e4));
     float wide = ((1.0 + pixel) * p_5.z);
-    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
+    float below = (((face_6 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
     return vec4((wide - p_5.x), (wide + p_5.x), (wide - p_5.y), (below + p_5.y));
 }
 
-bool is_outside(uint face_5, vec3 p_6, vec3 q) {
-    vec3 _e3 = to_face(face_5, p_6);
-    vec4 _e4 = within(face_5, _e3);
-    vec3 _e8 = to_face(face_5, q);
-    vec4 _e9 = within(face_5, _e8);
+bool is_outside(uint face_7, vec3 p_6, vec3 q) {
+    vec3 _e3 = to_face(face_7, p_6);
+    vec4 _e4 = within(face_7, _e3);
+    vec3 _e8 = to_face(face_7, q);
+    vec4 _e9 = within(face_7, _e8);
     return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
 }
 
@@ -450,24 +537,25 @@ void main() {
     uint k = 0u;
     float best = 0.0;
     uint chosen = 0u;
-    uint k_1 = 0u;
     bool local_1 = false;
+    uint k_1 = 0u;
+    bool local_2 = false;
     uint _e5 = _group_0_binding_0_cs.slot;
-    View v_14 = _group_1_binding_2_cs[((_e5 + thread_1.y) * 5u)];
-    uint layer_9 = v_14.layer;
+    View v_16 = _group_1_binding_2_cs[((_e5 + thread_1.y) * 5u)];
+    uint layer_9 = v_16.layer;
     uint n_3 = _group_1_binding_1_cs.resolution;
     uint _e18 = _group_1_binding_1_cs.patch_count;
     uint escaped = (_e18 + 1u);
     uint _e22 = near_count(layer_9);
     uint count = atomicOr(_group_1_binding_26_cs[_e22], 0u);
     i_3 = thread_1.x;
-    bool loop_init = true;
+    bool loop_init_1 = true;
     while(true) {
-        if (!loop_init) {
-            uint _e212 = i_3;
-            i_3 = (_e212 + (groups_1.x * GROUP));
+        if (!loop_init_1) {
+            uint _e228 = i_3;
+            i_3 = (_e228 + (groups_1.x * GROUP));
         }
-        loop_init = false;
+        loop_init_1 = false;
         uint _e27 = i_3;
         if ((_e27 < count)) {
         } else {
@@ -490,13 +578,13 @@ void main() {
             other_count = 0u;
             is_beside_nothing = false;
             y = low_3.y;
-            bool loop_init_1 = true;
+            bool loop_init_2 = true;
             while(true) {
-                if (!loop_init_1) {
+                if (!loop_init_2) {
                     uint _e146 = y;
                     y = (_e146 + 1u);
                 }
-                loop_init_1 = false;
+                loop_init_2 = false;
                 uint _e93 = y;
                 if ((_e93 <= high_3.y)) {
                 } else {
@@ -504,13 +592,13 @@ void main() {
                 }
                 {
                     x = low_3.x;
-                    bool loop_init_2 = true;
+                    bool loop_init_3 = true;
                     while(true) {
-                        if (!loop_init_2) {
+                        if (!loop_init_3) {
                             uint _e143 = x;
                             x = (_e143 + 1u);
                         }
-                        loop_init_2 = false;
+                        loop_init_3 = false;
                         uint _e98 = x;
                         if ((_e98 <= high_3.x)) {
                         } else {
@@ -520,24 +608,24 @@ void main() {
                             uint _e102 = x;
                             uint _e103 = y;
                             uvec4 _e108 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(uvec2(_e102, _e103)), int(layer_9)), 0);
-                            uint id_5 = _e108.x;
+                            uint id_6 = _e108.x;
                             bool _e110 = is_beside_nothing;
-                            is_beside_nothing = (_e110 || (id_5 == escaped));
-                            if (!((id_5 == shown))) {
-                                local = (id_5 == escaped);
+                            is_beside_nothing = (_e110 || (id_6 == escaped));
+                            if (!((id_6 == shown))) {
+                                local = (id_6 == escaped);
                             } else {
                                 local = true;
                             }
                             bool _e119 = local;
                             is_known = _e119;
                             k = 0u;
-                            bool loop_init_3 = true;
+                            bool loop_init_4 = true;
                             while(true) {
-                                if (!loop_init_3) {
+                                if (!loop_init_4) {
                                     uint _e133 = k;
                                     k = (_e133 + 1u);
                                 }
-                                loop_init_3 = false;
+                                loop_init_4 = false;
                                 uint _e123 = k;
                                 uint _e124 = other_count;
                                 if ((_e123 < _e124)) {
@@ -548,13 +636,13 @@ void main() {
                                     bool _e126 = is_known;
                                     uint _e127 = k;
                                     uint _e129 = others[_e127];
-                                    is_known = (_e126 || (_e129 == id_5));
+                                    is_known = (_e126 || (_e129 == id_6));
                                 }
                             }
                             bool _e135 = is_known;
                             if (!(_e135)) {
                                 uint _e137 = other_count;
-                                others[_e137] = id_5;
+                                others[_e137] = id_6;
                                 uint _e139 = other_count;
                                 other_count = (_e139 + 1u);
                             }
@@ -562,62 +650,73 @@ void main() {
                     }
                 }
             }
-            float _e148 = nearness(v_14, shown, _e41, _e42);
+            float _e148 = nearness(v_16, shown, _e41, _e42);
             float kept = ((shown != escaped) ? _e148 : 0.0);
             best = (IN_FRONT * kept);
             chosen = shown;
+            if ((kept == 0.0)) {
+                local_1 = (shown != escaped);
+            } else {
+                local_1 = false;
+            }
+            bool _e162 = local_1;
+            if (_e162) {
+                Found _e163 = beside(v_16, shown, _e41, _e42);
+                best = (IN_FRONT * _e163.nearness);
+                chosen = ((_e163.nearness > 0.0) ? _e163.id : shown);
+            }
             k_1 = 0u;
-            bool loop_init_4 = true;
+            bool loop_init_5 = true;
             while(true) {
-                if (!loop_init_4) {
-                    uint _e171 = k_1;
-                    k_1 = (_e171 + 1u);
+                if (!loop_init_5) {
+                    uint _e187 = k_1;
+                    k_1 = (_e187 + 1u);
                 }
-                loop_init_4 = false;
-                uint _e158 = k_1;
-                uint _e159 = other_count;
-                if ((_e158 < _e159)) {
+                loop_init_5 = false;
+                uint _e174 = k_1;
+                uint _e175 = other_count;
+                if ((_e174 < _e175)) {
                 } else {
                     break;
                 }
                 {
-                    uint _e161 = k_1;
-                    uint _e163 = others[_e161];
-                    float _e164 = nearness(v_14, _e163, _e41, _e42);
-                    float _e165 = best;
-                    if ((_e164 > _e165)) {
-                        best = _e164;
-                        uint _e167 = k_1;
-                        uint _e169 = others[_e167];
-                        chosen = _e169;
+                    uint _e177 = k_1;
+                    uint _e179 = others[_e177];
+                    float _e180 = nearness(v_16, _e179, _e41, _e42);
+                    float _e181 = best;
+                    if ((_e180 > _e181)) {
+                        best = _e180;
+                        uint _e183 = k_1;
+                        uint _e185 = others[_e183];
+                        chosen = _e185;
                     }
                 }
             }
-            float _e173 = best;
-            if ((_e173 == 0.0)) {
-                bool _e178 = is_beside_nothing;
-                local_1 = _e178;
+            float _e189 = best;
+            if ((_e189 == 0.0)) {
+                bool _e194 = is_beside_nothing;
+                local_2 = _e194;
             } else {
-                local_1 = false;
+                local_2 = false;
             }
-            bool _e180 = local_1;
-            if (_e180) {
+            bool _e196 = local_2;
+            if (_e196) {
                 chosen = escaped;
             }
             _group_1_binding_27_cs[place_1] = ((kept == 0.0) ? (pixel_1 | OUTSIDE) : pixel_1);
-            uint _e192 = chosen;
-            _group_1_binding_27_cs[(place_1 + 1u)] = _e192;
+            uint _e208 = chosen;
+            _group_1_binding_27_cs[(place_1 + 1u)] = _e208;
             _group_1_binding_27_cs[(place_1 + 2u)] = shown;
-            uint _e197 = chosen;
-            if ((_e197 != shown)) {
+            uint _e213 = chosen;
+            if ((_e213 != shown)) {
                 uint weight_1 = _group_1_binding_12_cs[pixel_1];
-                uint _e203 = chosen;
-                uint _e204 = visible_at(layer_9, _e203);
-                uint _e206 = atomicAdd(_group_1_binding_13_cs[_e204], weight_1);
-                uint _e208 = visible_at(layer_9, shown);
-                uint _e210 = atomicAdd(_group_1_binding_13_cs[_e208], -weight_1);
-                uint _e211 = chosen;
-                touch(layer_9, _e211);
+                uint _e219 = chosen;
+                uint _e220 = visible_at(layer_9, _e219);
+                uint _e222 = atomicAdd(_group_1_binding_13_cs[_e220], weight_1);
+                uint _e224 = visible_at(layer_9, shown);
+                uint _e226 = atomicAdd(_group_1_binding_13_cs[_e224], -weight_1);
+                uint _e227 = chosen;
+                touch(layer_9, _e227);
             }
         }
     }

@@ -77,10 +77,20 @@ struct Triangle {
     vec3 places[3];
     vec3 sides[3];
 };
+struct There {
+    float nearness;
+    vec3 sides;
+    bool is_back;
+};
+struct Found {
+    uint id;
+    float nearness;
+};
 const uint RUN = 32u;
 const uint GROUP = 64u;
 const float NEAR_CENTRE = 0.0078125;
 const float IN_FRONT = 1.00001;
+const uint MOST_BESIDE = 8u;
 const uint OUTSIDE = 2147483648u;
 
 layout(std140, binding = 0) uniform View_block_0Compute { View _group_0_binding_0_cs; };
@@ -201,7 +211,7 @@ vec3 corner_on(View v_7, Axes a_5, Vertex c_2) {
 }
 
 vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
-    bool local_6 = false;
+    bool local_7 = false;
     vec3 _e5 = high_of(d_2);
     vec3 _e6 = high_of(c_3);
     vec3 _e8 = low_of(d_2);
@@ -211,11 +221,11 @@ vec3 side_on(Axes a_6, Vertex c_3, Vertex d_2, vec3 from_place, vec3 to_place) {
     float _e14 = height_of(a_6, to_place);
     float _e15 = height_of(a_6, _e12);
     if (!((_e13 == 0.0))) {
-        local_6 = (_e14 == 0.0);
+        local_7 = (_e14 == 0.0);
     } else {
-        local_6 = true;
+        local_7 = true;
     }
-    bool _e25 = local_6;
+    bool _e25 = local_7;
     vec3 _e27 = with_height(a_6, _e12, (_e25 ? (_e14 - _e13) : _e15));
     return _e27;
 }
@@ -294,18 +304,18 @@ vec3 placed(View v_10, Vertex c_5) {
 }
 
 vec3 between(View v_11, Vertex from_corner, Vertex to_corner, vec3 from_place_1, vec3 to_place_1) {
-    bool local_8 = false;
+    bool local_9 = false;
     vec3 _e5 = high_of(to_corner);
     vec3 _e6 = high_of(from_corner);
     vec3 _e8 = low_of(to_corner);
     vec3 _e9 = low_of(from_corner);
     vec3 _e12 = turned(v_11, ((_e5 - _e6) + (_e8 - _e9)));
     if (!((from_place_1.z == 0.0))) {
-        local_8 = (to_place_1.z == 0.0);
+        local_9 = (to_place_1.z == 0.0);
     } else {
-        local_8 = true;
+        local_9 = true;
     }
-    bool _e28 = local_8;
+    bool _e28 = local_9;
     return vec3(_e12.xy, (_e28 ? (to_place_1.z - from_place_1.z) : _e12.z));
 }
 
@@ -342,19 +352,28 @@ vec3 centre(uint face_2, uvec2 at_1) {
     return vec3(vec2(from_middle), float(n_2));
 }
 
-vec4 within(uint face_4, vec3 p_5) {
+bool is_inside(There t) {
+    return all(greaterThan(t.sides, vec3(0.0)));
+}
+
+uint worst(There t_1) {
+    uint later = ((t_1.sides.z < t_1.sides.y) ? 2u : 1u);
+    return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
+}
+
+vec4 within(uint face_6, vec3 p_5) {
     uint _e4 = _group_1_binding_1_cs.resolution;
     float pixel = (2.0 / float(_e4));
     float wide = ((1.0 + pixel) * p_5.z);
-    float below = (((face_4 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
+    float below = (((face_6 == 0u) ? (1.0 + pixel) : pixel) * p_5.z);
     return vec4((wide - p_5.x), (wide + p_5.x), (wide - p_5.y), (below + p_5.y));
 }
 
-bool is_outside(uint face_5, vec3 p_6, vec3 q) {
-    vec3 _e3 = to_face(face_5, p_6);
-    vec4 _e4 = within(face_5, _e3);
-    vec3 _e8 = to_face(face_5, q);
-    vec4 _e9 = within(face_5, _e8);
+bool is_outside(uint face_7, vec3 p_6, vec3 q) {
+    vec3 _e3 = to_face(face_7, p_6);
+    vec4 _e4 = within(face_7, _e3);
+    vec3 _e8 = to_face(face_7, q);
+    vec4 _e9 = within(face_7, _e8);
     return any(bvec4(lessThan(_e4, vec4(0.0)).x && lessThan(_e9, vec4(0.0)).x, lessThan(_e4, vec4(0.0)).y && lessThan(_e9, vec4(0.0)).y, lessThan(_e4, vec4(0.0)).z && lessThan(_e9, vec4(0.0)).z, lessThan(_e4, vec4(0.0)).w && lessThan(_e9, vec4(0.0)).w));
 }
 
@@ -362,11 +381,11 @@ void main() {
     uvec3 thread_3 = gl_GlobalInvocationID;
     uvec3 groups_3 = gl_NumWorkGroups;
     uint i_5 = 0u;
-    bool local_3 = false;
     bool local_4 = false;
+    bool local_5 = false;
     uint first = 0u;
     uint end = 0u;
-    bool local_5 = false;
+    bool local_6 = false;
     uint _e4 = _group_0_binding_0_cs.layer;
     uint layer_9 = (_e4 + thread_3.y);
     uint _e9 = _group_1_binding_1_cs.capacity;
@@ -396,18 +415,18 @@ void main() {
             uint shown = _group_1_binding_27_cs[(place_1 + 2u)];
             if ((pixel_1 >= OUTSIDE)) {
                 uint _e50 = _group_1_binding_27_cs[(place_1 + 1u)];
-                local_3 = (_e50 != shown);
-            } else {
-                local_3 = false;
-            }
-            bool _e53 = local_3;
-            if (_e53) {
-                uint _e58 = _group_1_binding_1_cs.patch_count;
-                local_4 = (shown < _e58);
+                local_4 = (_e50 != shown);
             } else {
                 local_4 = false;
             }
-            bool _e61 = local_4;
+            bool _e53 = local_4;
+            if (_e53) {
+                uint _e58 = _group_1_binding_1_cs.patch_count;
+                local_5 = (shown < _e58);
+            } else {
+                local_5 = false;
+            }
+            bool _e61 = local_5;
             if (_e61) {
                 first = 0u;
                 end = entry_count;
@@ -434,11 +453,11 @@ void main() {
                 if ((_e86 < entry_count)) {
                     uint _e92 = first;
                     uint _e96 = _group_1_binding_18_cs[(2u * (base + _e92))];
-                    local_5 = (_e96 == shown);
+                    local_6 = (_e96 == shown);
                 } else {
-                    local_5 = false;
+                    local_6 = false;
                 }
-                bool _e99 = local_5;
+                bool _e99 = local_6;
                 if (_e99) {
                     uint _e101 = first;
                     uint _e108 = _group_1_binding_12_cs[(pixel_1 & 2147483647u)];

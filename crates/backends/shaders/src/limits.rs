@@ -230,11 +230,7 @@ impl Plan {
         let is_raster = self.draw == Draw::Raster;
         let of_raster = |words: u64| if is_raster { group * words } else { 1 };
         let settled = |words: u64| {
-            if is_raster && self.edges == Edges::Exact {
-                group * words
-            } else {
-                1
-            }
+            if self.settles() { group * words } else { 1 }
         };
         let words = |name, binding, words: u64| Size {
             name,
@@ -270,7 +266,11 @@ impl Plan {
                 b::VERTICES,
                 upload.vertices.len().max(1) as u64 * u64::from(VERTEX_BYTES) / 4,
             ),
-            words("corner numbers", b::INDICES, upload.indices.len().max(3) as u64),
+            words(
+                "corner numbers",
+                b::INDICES,
+                upload.indices.len().max(3) as u64 * if self.settles() { 2 } else { 1 },
+            ),
             words("triangles of patches", b::TRIANGLE_OF_PATCH, patches),
             words("row entries", b::ENTRIES, group * u64::from(self.capacity) * 2),
             words("chunks of patches", b::CHUNK_OF_PATCH, patches),
@@ -300,6 +300,11 @@ impl Plan {
             words("pixels near edges", b::LISTED, settled(4 * pixels)),
             words("weights of sides", b::SIDES, settled(2 * patches + 2)),
         ]
+    }
+
+    /// True if pixels near edges are settled by a stage of their own.
+    pub fn settles(&self) -> bool {
+        self.draw == Draw::Raster && self.edges == Edges::Exact
     }
 
     /// Counts all bytes on the device: buffers, with views and output twice, and images.

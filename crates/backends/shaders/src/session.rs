@@ -8,7 +8,7 @@ use std::ffi::CStr;
 pub const VERSION: &CStr = c"gpu-3";
 
 /// The version with [`Edges::Exact`]: its rows differ.
-const EXACT_VERSION: &CStr = c"gpu-3-exact";
+const EXACT_VERSION: &CStr = c"gpu-4-exact";
 
 /// The version with [`Draw::Compute`]: depths are rounded otherwise.
 const COMPUTE_VERSION: &CStr = c"gpu-3-compute";

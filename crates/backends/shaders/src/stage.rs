@@ -223,7 +223,7 @@ pub mod binding {
     pub const TOUCHED: u32 = 14;
     /// Storage and vertex: [`crate::Upload::vertices`].
     pub const VERTICES: u32 = 15;
-    /// Storage and index: [`crate::Upload::indices`].
+    /// Storage and index: [`crate::Upload::indices`]; for exact edges [`crate::Upload::sides`] after them.
     pub const INDICES: u32 = 16;
     /// Storage: [`crate::Upload::triangle_of_patch`].
     pub const TRIANGLE_OF_PATCH: u32 = 17;

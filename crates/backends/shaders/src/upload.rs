@@ -15,7 +15,7 @@ use hemicube_contract::bvh::Bounds;
 use hemicube_contract::delta::DeltaTable;
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Words of a vertex: high x y z, low x y z, front patch, back patch, unit normal x y z of the triangle owning it, 0.
 pub const VERTEX_WORDS: usize = 12;
@@ -42,6 +42,8 @@ pub struct Upload {
     pub patch_count: u32,
     /// Number of surfaces merged into exactly equal ones.
     pub merged: usize,
+    /// See [`Upload::sides`].
+    sides: OnceLock<Vec<u32>>,
 }
 
 /// The upload shared by all sessions on a scene that take chunks of at most so many triangles, or the reason against it.
@@ -109,6 +111,7 @@ impl Upload {
             surface_of_patch: vec![0; patch_count as usize],
             patch_count,
             merged: 0,
+            sides: OnceLock::new(),
         };
         let (drawn, drawn_of) = merge(surfaces, patch_count);
         upload.merged = surfaces.len() - drawn.iter().flatten().count();
@@ -160,6 +163,36 @@ impl Upload {
         self.indices.len() / 3
     }
 
+    /// For each side of a triangle, three times the triangle and its place: the next one between the same two corners, as in
+    /// a ring. A side of one triangle alone is its own next. Only exact edges need it. O(n log n).
+    pub fn sides(&self) -> &[u32] {
+        self.sides.get_or_init(|| {
+            let mut numbers: HashMap<[u32; 6], u32> = HashMap::with_capacity(self.vertices.len());
+            let mut number = |vertex: &[u32; VERTEX_WORDS]| {
+                // -0 is 0.
+                let place = [0, 1, 2, 3, 4, 5].map(|k| (f32::from_bits(vertex[k]) + 0.0).to_bits());
+                let next = as_u32(numbers.len());
+                *numbers.entry(place).or_insert(next)
+            };
+            let places: Vec<u32> = self.vertices.iter().map(&mut number).collect();
+            let corner = |at: usize| places[self.indices[at] as usize];
+            let mut between: Vec<[u32; 3]> = (0..self.indices.len())
+                .map(|side| {
+                    let (a, b) = (corner(side), corner(if side % 3 == 2 { side - 2 } else { side + 1 }));
+                    [a.min(b), a.max(b), as_u32(side)]
+                })
+                .collect();
+            between.sort_unstable();
+            let mut sides = vec![0; self.indices.len()];
+            for ring in between.chunk_by(|p, q| p[..2] == q[..2]) {
+                for (side, next) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+                    sides[side[2] as usize] = next[2];
+                }
+            }
+            sides
+        })
+    }
+
     /// Computes the middle of each triangle, pairs of f32, six words each. Only covered rows need it.
     pub fn centroids(&self, geometry: &Geometry) -> Vec<u32> {
         let mut words = vec![0; 6 * self.triangle_count().max(1)];
@@ -186,11 +219,16 @@ impl Upload {
 
 /// Lists the words written once by the host, by binding. All other buffers begin at 0.
 pub fn contents<'a>(upload: &'a Upload, geometry: &Geometry, plan: &Plan) -> Vec<(u32, Cow<'a, [u32]>)> {
+    let indices: Cow<'a, [u32]> = if plan.settles() {
+        [upload.indices.as_slice(), upload.sides()].concat().into()
+    } else {
+        upload.indices.as_slice().into()
+    };
     let mut contents: Vec<(u32, Cow<'a, [u32]>)> = vec![
         (binding::SETTINGS, settings_words(plan, upload).to_vec().into()),
         (binding::CHUNKS, upload.chunk_words().into()),
         (binding::VERTICES, upload.vertices.as_flattened().into()),
-        (binding::INDICES, upload.indices.as_slice().into()),
+        (binding::INDICES, indices),
         (binding::TRIANGLE_OF_PATCH, upload.triangle_of_patch.as_slice().into()),
         (binding::CHUNK_OF_PATCH, upload.chunk_of_patch.as_slice().into()),
         (binding::WEIGHTS, DeltaTable::new(plan.resolution).weights().into()),

@@ -37,6 +37,9 @@ const GROUP: u32 = 64u;
 const NEAR_CENTRE: f32 = 0.0078125;
 // A neighbour hides a pixel's id if it is nearer by this part of 1 / distance: above the rounding of two depths.
 const IN_FRONT: f32 = 1.00001;
+// Sides walked across from a triangle that a pixel shows to the one that covers its centre. Corners are off by half of
+// 1/256 of a pixel, so that but a few are crossed, unless triangles are as small.
+const MOST_BESIDE: u32 = 8u;
 // Flag of a listed pixel outside the triangle of its drawn id.
 const OUTSIDE: u32 = 0x80000000u;
 
@@ -190,10 +193,17 @@ fn centre(face: u32, at: vec2<u32>) -> vec3<f32> {
     return vec3<f32>(vec2<f32>(from_middle), f32(n));
 }
 
-// The nearness of a triangle in a direction: 1 / distance but for a factor, if it covers the pixel's centre, and 0
-// otherwise.
-fn nearness(v: View, id: u32, face: u32, direction: vec3<f32>) -> f32 {
-    let t = triangle(v, triangle_of(id));
+// A triangle along the direction of a pixel's centre.
+struct There {
+    // 1 / distance of its plane but for a factor.
+    nearness: f32,
+    // For each side, from the first corner on: above 0 if the centre is inside of it.
+    sides: vec3<f32>,
+    is_back: bool,
+}
+
+fn there(v: View, number: u32, face: u32, direction: vec3<f32>) -> There {
+    let t = triangle(v, number);
     let p = to_face(face, t.places[0]);
     let q = to_face(face, t.places[1]);
     let r = to_face(face, t.places[2]);
@@ -204,10 +214,60 @@ fn nearness(v: View, id: u32, face: u32, direction: vec3<f32>) -> f32 {
     let volume = dot_fused(across, p);
     let turn = select(-1.0, 1.0, volume > 0.0);
     // Twice the product of the ends, from terms that change sign exactly when the ends change places.
-    let inside = side_of(turn * cross_fused(p + q, to_q), direction) > 0.0
-        && side_of(turn * cross_fused(q + r, to_r), direction) > 0.0
-        && side_of(turn * cross_fused(r + p, to_p), direction) > 0.0;
-    return select(0.0, dot_fused(across, direction) / volume, inside);
+    let sides = vec3<f32>(
+        side_of(turn * cross_fused(p + q, to_q), direction),
+        side_of(turn * cross_fused(q + r, to_r), direction),
+        side_of(turn * cross_fused(r + p, to_p), direction),
+    );
+    return There(dot_fused(across, direction) / volume, sides, volume > 0.0);
+}
+
+fn is_inside(t: There) -> bool {
+    return all(t.sides > vec3<f32>(0.0));
+}
+
+// The nearness of a triangle in a direction if it covers the pixel's centre, and 0 otherwise.
+fn nearness(v: View, id: u32, face: u32, direction: vec3<f32>) -> f32 {
+    let t = there(v, triangle_of(id), face, direction);
+    return select(0.0, t.nearness, is_inside(t));
+}
+
+// The side that a direction is farthest outside of.
+fn worst(t: There) -> u32 {
+    let later = select(1u, 2u, t.sides.z < t.sides.y);
+    return select(0u, later, min(t.sides.y, t.sides.z) < t.sides.x);
+}
+
+// What covers a pixel's centre.
+struct Found {
+    id: u32,
+    nearness: f32,
+}
+
+// From a triangle that misses a pixel's centre, walks across sides to one that covers it and faces the same way: where
+// triangles are smaller than pixels, it may be shown nowhere. Without one, the nearness is 0.
+fn beside(v: View, id: u32, face: u32, direction: vec3<f32>) -> Found {
+    let first_of_sides = 3u * settings.triangle_count;
+    let number = triangle_of(id);
+    let begin = there(v, number, face, direction);
+    var start = 3u * number + worst(begin);
+    var side = indices[first_of_sides + start];
+    for (var step = 0u; step < MOST_BESIDE && side != start; step++) {
+        let other = side / 3u;
+        let t = there(v, other, face, direction);
+        let owner = vertices[indices[3u * other]];
+        let is_folded = t.is_back != begin.is_back;
+        if (is_inside(t) && !is_folded) {
+            let back = select(owner.back, settings.patch_count + 2u + owner.front, owner.back == settings.patch_count);
+            let is_emitter = owner.front == v.emitter || owner.back == v.emitter;
+            return Found(select(owner.front, back, t.is_back), select(t.nearness, 0.0, is_emitter));
+        }
+        // Around the same side, or on across another.
+        let next = select(3u * other + worst(t), side, is_folded);
+        start = select(next, start, next == side);
+        side = indices[first_of_sides + next];
+    }
+    return Found(id, 0.0);
 }
 
 // The distances of a point from the planes bounding a face, widened by a pixel.
@@ -352,6 +412,11 @@ fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgro
         let kept = select(0.0, nearness(v, shown, face, direction), shown != escaped);
         var best = IN_FRONT * kept;
         var chosen = shown;
+        if (kept == 0.0 && shown != escaped) {
+            let found = beside(v, shown, face, direction);
+            best = IN_FRONT * found.nearness;
+            chosen = select(shown, found.id, found.nearness > 0.0);
+        }
         for (var k = 0u; k < other_count; k++) {
             let there = nearness(v, others[k], face, direction);
             if (there > best) {

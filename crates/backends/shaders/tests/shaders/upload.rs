@@ -10,6 +10,7 @@ use hemicube_shaders::chunks::{OF_A_RUN, runs_of_chunks};
 use hemicube_shaders::limits::TILES_ASK;
 use hemicube_shaders::view::near;
 use hemicube_shaders::{Draw, Edges, Limits, OfStage, Plan, Upload};
+use std::collections::{BTreeMap, BTreeSet};
 
 fn model(scene: &Scene) -> Model {
     let patches = Patches::new(scene, Subdivision::None).expect("a scene that fits");
@@ -241,6 +242,36 @@ fn what_does_not_fit_is_refused_and_named() {
         .expect_err("too many ids")
         .to_string();
     assert!(refused.contains("edges=exact"), "{refused}");
+}
+
+/// Around each side is a ring of all triangles that have one between the same corners.
+#[test]
+fn sides_lead_around_to_every_triangle_beside() {
+    for kind in [Kind::Room, Kind::Spheres, Kind::BlockCity] {
+        let upload = Upload::new(made(kind).geometry()).expect("few triangles");
+        let sides = upload.sides();
+        assert_eq!(sides.len(), upload.indices.len());
+        let ends = |side: u32| {
+            let corners = corners(&upload, side / 3).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
+            let (a, b) = (corners[side as usize % 3], corners[(side as usize + 1) % 3]);
+            [a.min(b), a.max(b)]
+        };
+        let mut by_ends: BTreeMap<[[u64; 3]; 2], BTreeSet<u32>> = BTreeMap::new();
+        let all = 0..u32::try_from(sides.len()).expect("few");
+        for side in all.clone() {
+            by_ends.entry(ends(side)).or_default().insert(side);
+        }
+        for side in all {
+            let mut ring = BTreeSet::from([side]);
+            let mut next = sides[side as usize];
+            while next != side {
+                assert!(ring.insert(next), "side {side} is in its own ring");
+                next = sides[next as usize];
+            }
+            assert_eq!(ring, by_ends[&ends(side)], "side {side}");
+        }
+        assert!(by_ends.values().any(|ring| ring.len() == 2), "triangles share sides");
+    }
 }
 
 #[test]
