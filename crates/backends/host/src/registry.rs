@@ -88,8 +88,11 @@ pub enum OpenError {
         source: BackendError,
     },
     /// An option that cannot be passed on.
-    #[error("backend option `{0}`: a key and a value without `,` are needed, `key=value`, and each key once")]
+    #[error("backend option `{0}`: a key and a value without `,` are needed, `key=value`")]
     Option(String),
+    /// A key that was given before.
+    #[error("backend option `{0}`: its key has a value already; give each key once")]
+    Twice(String),
     /// A value that is no switch.
     #[error("backend option `{0}`: `passes` and `rays` are `on` or `off`")]
     Switch(String),
@@ -133,8 +136,8 @@ impl Options {
     /// Reads options, each `key=value`.
     ///
     /// # Errors
-    /// [`OpenError::Option`] for another form or a repeated key, [`OpenError::Switch`] for `passes` and `rays` other than
-    /// `on` and `off`.
+    /// [`OpenError::Option`] for another form, [`OpenError::Twice`] for a repeated key, [`OpenError::Switch`] for `passes`
+    /// and `rays` other than `on` and `off`.
     ///
     /// ```
     /// use hemicube_host::Options;
@@ -157,7 +160,7 @@ impl Options {
                 return Err(bad());
             }
             if options.insert(key.to_owned(), value.to_owned()).is_some() {
-                return Err(bad());
+                return Err(OpenError::Twice(option.to_owned()));
             }
         }
         Ok(Self(options))
@@ -517,9 +520,10 @@ mod tests {
         let good = Options::parse(&["timing=on", "device=1", "a=b=c"]).expect("good options");
         assert_eq!(good.for_plugin(), "a=b=c,timing=on");
         assert_eq!(good.device(), Some("1"));
-        for wrong in [&["fast"][..], &["=1"], &["a=1,b=2"], &["a=1", "a=2"], &["a=\0"]] {
-            assert!(Options::parse(wrong).is_err(), "{wrong:?}");
+        for wrong in [&["fast"][..], &["=1"], &["a=1,b=2"], &["a=\0"]] {
+            assert!(matches!(Options::parse(wrong), Err(OpenError::Option(_))), "{wrong:?}");
         }
+        assert!(matches!(Options::parse(&["a=1", "a=2"]), Err(OpenError::Twice(_))));
         assert!(Options::parse::<&str>(&[]).expect("none").is_empty());
     }
 
