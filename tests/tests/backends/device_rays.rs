@@ -1,15 +1,17 @@
 //! Rays that measure shares, on a device: rows are those of the processor's rays, to the bit, and few rays are left to
 //! it.
 
+use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{
     BackendError, BackendInfo, Counters, Geometry, Hemicube, HemicubeBackend, Rays, RenderSettings,
 };
 use hemicube::driver::compute::{Execution, Plan, RowChoice, Selection};
+use hemicube::face::Items;
 use hemicube::row::RowBlock;
 use hemicube::store::Part;
-use hemicube_scene::Subdivision;
 use hemicube_scene::generate::{self, Kind};
+use hemicube_scene::{InputPatch, Scene, Subdivision, Triangle};
 use hemicube_tests::devices::is_there;
 use hemicube_tests::plugins::{rust, try_session};
 use hemicube_tests::rows::{Rung, parts, settings};
@@ -98,6 +100,65 @@ fn casts_rays_to_the_bit(name: &str, options: &[&str]) {
         );
     }
     the_program_casts_rays_to_the_bit(name);
+}
+
+/// What a device answers to a ray past thin diagonal triangles, all of whose boxes the ray passes through.
+fn past_diagonals(name: &str, count: u32) -> u32 {
+    let [along, up] = [DVec3::new(0.6, -0.6, -1.0), DVec3::new(0.6, -0.6, 1.0)];
+    let of = |corners: [DVec3; 3]| Triangle {
+        corners,
+        object: 0,
+        material: 0,
+        face: 0,
+        two_sided: false,
+    };
+    let mut triangles = vec![of(
+        [DVec3::ZERO, DVec3::X * 0.1, DVec3::Y * 0.1].map(|corner| along + corner)
+    )];
+    triangles.extend((1..=count).map(|k| {
+        let aside = 0.1 * f64::from(k) / f64::from(count);
+        of([
+            DVec3::new(-1.0, -1.0, -0.9),
+            DVec3::new(1.0, 1.0, 0.9),
+            DVec3::new(1.0 - aside, 1.0, 0.9),
+        ])
+    }));
+    let scene = Scene {
+        triangles,
+        ..Scene::default()
+    };
+    let model = model(scene, Subdivision::None);
+    let mut session = try_session(&rust(name), &["rays=on"]).expect("it opened before");
+    session.load(model.geometry(), settings(64)).expect("a small scene");
+    let centre = model.hemicubes(InputPatch(0), 1, false)[0].origin;
+    let ends = [[centre, centre + (up - along) * 0.9]];
+    let rays = Rays {
+        emitter: InputPatch(0),
+        normal: DVec3::Z,
+        offset: centre.z,
+        ends: &ends,
+    };
+    session.rays(&rays).expect("legal rays")[0]
+}
+
+/// What a ray looks at is bounded: beyond that it is the processor's.
+#[test]
+fn a_ray_among_too_many_boxes_is_left_to_the_processor() {
+    for name in ["vulkan", "wgpu"] {
+        let opened = try_session(&rust(name), &[]);
+        let opened = opened.map(|session| Box::new(session) as Box<dyn HemicubeBackend>);
+        if is_there(
+            name,
+            &opened.map_err(|error| BackendError::Unsupported(error.to_string())),
+        ) {
+            assert_eq!(
+                past_diagonals(name, 1_000),
+                Items::ESCAPED,
+                "{name}: nothing is met, surely"
+            );
+            assert_eq!(past_diagonals(name, 12_000), Rays::DOUBTFUL, "{name}");
+        }
+    }
 }
 
 /// The program's rows with and without, where a plugin's session may be one of two.
