@@ -46,6 +46,7 @@ pub mod limits;
 pub mod options;
 pub mod output;
 pub mod pass;
+pub mod probe;
 pub mod rays;
 pub mod recording;
 pub mod session;

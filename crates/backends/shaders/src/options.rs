@@ -91,22 +91,29 @@ pub fn device_cull(options: &mut Options<'_>) -> Result<Option<Cull>, BackendErr
     Ok(choice(options, "cull", &words)?.flatten())
 }
 
-/// Takes `draw` of a backend that can draw by compute.
+/// Takes `draw` of a backend that can draw by compute. `None`: as [`crate::probe`] finds.
 ///
 /// # Errors
-/// [`BackendError::InvalidArgument`] for any other word, and for `draw=compute` with the driver's edges or with culling.
-pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, cull: Option<Cull>) -> Result<Draw, BackendError> {
-    let words = [("raster", Draw::Raster), ("compute", Draw::Compute)];
-    let draw = choice(options, "draw", &words)?.unwrap_or_default();
-    if draw == Draw::Compute && edges == Some(Edges::Driver) {
-        return Err(BackendError::InvalidArgument(
-            "`draw=compute` has no driver's edges: leave out `edges=driver`, or take `draw=raster`".to_owned(),
-        ));
+/// [`BackendError::InvalidArgument`] for any other word, and, unless it is `raster`, beside the driver's edges or culling.
+pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, cull: Option<Cull>) -> Result<Option<Draw>, BackendError> {
+    let words = [
+        ("raster", Some(Draw::Raster)),
+        ("compute", Some(Draw::Compute)),
+        ("auto", None),
+    ];
+    let draw = choice(options, "draw", &words)?.unwrap_or(Some(Draw::Raster));
+    let word = if draw.is_some() { "compute" } else { "auto" };
+    if draw != Some(Draw::Raster) && edges == Some(Edges::Driver) {
+        return Err(BackendError::InvalidArgument(format!(
+            "`draw=compute` has no driver's edges: leave out `edges=driver`, or take `draw=raster` in place of \
+             `draw={word}`"
+        )));
     }
-    if draw == Draw::Compute && cull.is_some() {
-        return Err(BackendError::InvalidArgument(
-            "`draw=compute` leaves out what a tile cannot see: leave out `cull`, or take `draw=raster`".to_owned(),
-        ));
+    if draw != Some(Draw::Raster) && cull.is_some() {
+        return Err(BackendError::InvalidArgument(format!(
+            "`draw=compute` leaves out what a tile cannot see: leave out `cull`, or take `draw=raster` in place of \
+             `draw={word}`"
+        )));
     }
     Ok(draw)
 }

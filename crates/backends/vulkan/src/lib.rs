@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! cull        auto | off | frustum | occlusion     rows are the same with each
-//! draw        raster | compute                     compute shaders alone, with exact edges
+//! draw        raster | compute | auto              compute shaders alone, with exact edges; auto: the faster
 //! edges       exact | driver                       the judge of pixels near edges: docs/dev/gpu.md
 //! timing      on | off                             fills `stage_times`, and slows down
 //! validation  on | off                             with Vulkan's validation layer; its messages are errors
@@ -38,6 +38,7 @@ use hemicube_contract::face::{Items, pixel_count};
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{self, HEADER_WORDS, append_rows, entry_words, unculled_triangles};
 use hemicube_shaders::pass::{draws, first_depths};
+use hemicube_shaders::probe::{self, Probe};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, stands_on_emitter, submission_views};
 use hemicube_shaders::{Cull, Draw, Goal, Limits, OfStage, Phase};
@@ -86,7 +87,14 @@ pub fn devices() -> Result<Vec<Device>, BackendError> {
 /// [`BackendError::InvalidArgument`] for an unknown option, [`BackendError::Unsupported`] for a missing or insufficient
 /// device.
 pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
-    Session::new(device, Options::parse(options)?)
+    Session::new(device, options_of(device, options)?)
+}
+
+/// The options of a session, drawing as a probe of the device finds where `draw=auto` asks for it.
+fn options_of(device: u32, options: &str) -> Result<Options, BackendError> {
+    Options::parse(options, |given| {
+        probe::probe(device, |draw| Session::new(device, Options { draw, ..given }))
+    })
 }
 
 /// A session on a Vulkan device.
@@ -590,7 +598,8 @@ impl HemicubeBackend for Session {
             Draw::Raster => loaded.judge.line(),
             Draw::Compute => "drawn by compute, tile by tile".to_owned(),
         };
-        self.loaded.iter().map(how).collect()
+        let probe = self.options.probe.iter().map(Probe::line);
+        self.loaded.iter().map(how).chain(probe).collect()
     }
 
     fn stage_times(&self) -> StageTimes {

@@ -2,15 +2,18 @@
 
 use hemicube_contract::backend::BackendError;
 use hemicube_shaders::options::{Common, MOST_BATCH, bytes, device_cull, draw};
+use hemicube_shaders::probe::Probe;
 use hemicube_shaders::{Cull, Draw, Edges};
 
 /// The options of a session.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Options {
     /// `None`: chosen by scene.
     pub(crate) cull: Option<Cull>,
     pub(crate) edges: Edges,
     pub(crate) draw: Draw,
+    /// What a probe of the device found, if `draw` is by one.
+    pub(crate) probe: Option<Probe>,
     pub(crate) timing: bool,
     pub(crate) validation: bool,
     pub(crate) batch: Option<u32>,
@@ -19,15 +22,20 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// Reads `key=value,key=value`.
-    pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
+    /// Reads `key=value,key=value`. `probe` is asked for `draw=auto`, with the other options.
+    pub(crate) fn parse(
+        text: &str,
+        probe: impl FnOnce(Self) -> Result<Probe, BackendError>,
+    ) -> Result<Self, BackendError> {
         let mut given = hemicube_abi::Options::parse(text)?;
         let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
-        let options = Self {
+        let drawn = draw(&mut given, common.edges, cull)?;
+        let mut options = Self {
             cull,
             edges: common.edges.unwrap_or_default(),
-            draw: draw(&mut given, common.edges, cull)?,
+            draw: drawn.unwrap_or_default(),
+            probe: None,
             timing: common.timing,
             validation: given.take_switch("validation")?.unwrap_or(false),
             batch: common.batch,
@@ -35,6 +43,11 @@ impl Options {
             memory: bytes(&mut given, "memory")?,
         };
         given.finish()?;
+        if drawn.is_none() {
+            let found = probe(options)?;
+            options.draw = found.draw;
+            options.probe = Some(found);
+        }
         Ok(options)
     }
 }

@@ -1,7 +1,7 @@
 //! Rows of the Vulkan backend, with the validation layer on: whatever it says fails the call.
 
 use hemicube::Model;
-use hemicube::backend::{BackendError, Counters, Culling, RenderSettings};
+use hemicube::backend::{BackendError, Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube_backend_vulkan::{devices as list, open};
 use hemicube_scene::Subdivision;
 use hemicube_tests::devices::{self, Opened, is_there, neighbours, some};
@@ -216,6 +216,39 @@ fn what_cannot_be_is_refused_and_the_session_lives() {
     }
     assert!(matches!(open(99, ""), Err(BackendError::Unsupported(_))));
     devices::refusals_leave_the_session_alive(&vulkan, "memory=3000000");
+}
+
+/// On the processor the rasteriser is several times as fast; a GPU may take either.
+#[test]
+fn a_probe_chooses_how_to_draw_once_for_all_sessions() {
+    if !is_there("vulkan", &vulkan("")) {
+        return;
+    }
+    let (_, room) = devices::scenes().swap_remove(0);
+    let drawn = |options: &str| {
+        let mut session = open(0, options).expect("it was there");
+        let (rows, _) = render_with(&mut session, &room, &some(&room, 4), settings(64, Culling::On, false));
+        (rows, session.info().version.clone(), session.choices())
+    };
+    let (rows, version, choices) = drawn("draw=auto");
+    let line = choices.last().expect("a line of the probe");
+    let word = if line.contains("takes raster") {
+        "raster"
+    } else {
+        "compute"
+    };
+    assert!(line.starts_with(&format!("draw=auto takes {word}: ")), "{line}");
+    let (named, version_of_named, _) = drawn(&format!("draw={word}"));
+    assert_eq!(
+        (&rows, &version),
+        (&named, &version_of_named),
+        "as if it had been named"
+    );
+    assert_eq!(drawn("draw=auto").2.last(), Some(line), "a device is probed once");
+    for options in ["draw=auto,edges=driver", "draw=auto,cull=off"] {
+        let refused = open(0, options).expect_err("compute has neither").to_string();
+        assert!(refused.contains("draw=raster"), "{refused}");
+    }
 }
 
 #[test]

@@ -13,7 +13,7 @@
 //! |---|---|
 //! | `cull` | `auto` (default), `off`, `frustum` or `occlusion`; rows are the same with each |
 //! | `edges` | `exact` (default) or `driver`: the judge of pixels near edges, see docs/dev/gpu.md |
-//! | `draw` | `raster` (default) or `compute`: compute shaders alone, with exact edges |
+//! | `draw` | `raster` (default), `compute` (compute shaders alone, with exact edges) or `auto` (the faster of them) |
 //! | `batch` | hemicubes of a submission |
 //! | `group` | hemicubes side by side in the stages |
 //! | `memory` | MiB to take on the device |
@@ -43,6 +43,7 @@ use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{self, unculled_triangles};
 use hemicube_shaders::pass::{draws, first_depths};
+use hemicube_shaders::probe::{self, Probe};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, submission_views};
@@ -100,7 +101,7 @@ pub fn devices() -> Result<Vec<hemicube_abi::Device>, BackendError> {
 /// # Errors
 /// When there is no such device or option, or the device does not open.
 pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
-    Session::open(device, Options::parse(options)?)
+    Session::open(device, options_of(device, options)?)
 }
 
 /// [`open`] with a part of the shaders' text replaced: a session that is wrong, for tests that must notice.
@@ -110,7 +111,14 @@ pub fn open(device: u32, options: &str) -> Result<Session, BackendError> {
 #[doc(hidden)]
 pub fn open_with_fault(device: u32, options: &str, from: &str, to: &str) -> Result<Session, BackendError> {
     let fault = (!from.is_empty()).then(|| (from.to_owned(), to.to_owned()));
-    Session::open_with(device, Options::parse(options)?, fault)
+    Session::open_with(device, options_of(device, options)?, fault)
+}
+
+/// The options of a session, drawing as a probe of the device finds where `draw=auto` asks for it.
+fn options_of(device: u32, options: &str) -> Result<Options, BackendError> {
+    Options::parse(options, |given| {
+        probe::probe(device, |draw| Session::open(device, Options { draw, ..given }))
+    })
 }
 
 /// A session: a device of its own, and a scene on it.
@@ -464,13 +472,15 @@ impl HemicubeBackend for Session {
             return Vec::new();
         };
         let Plan { group, batch, .. } = loaded.plan;
-        vec![
+        let mut choices = vec![
             match loaded.plan.draw {
                 Draw::Raster => loaded.policy.choice(),
                 Draw::Compute => "drawn by compute, tile by tile".to_owned(),
             },
             format!("{batch} hemicubes a submission, {group} side by side"),
-        ]
+        ];
+        choices.extend(self.options.probe.iter().map(Probe::line));
+        choices
     }
 
     fn stage_times(&self) -> StageTimes {

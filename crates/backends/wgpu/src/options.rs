@@ -2,6 +2,7 @@
 
 use hemicube_contract::backend::BackendError;
 use hemicube_shaders::options::{Common, MOST_BATCH, device_cull, draw, number};
+use hemicube_shaders::probe::Probe;
 use hemicube_shaders::{Cull, Draw, Edges};
 
 /// The options of a session.
@@ -11,6 +12,8 @@ pub(crate) struct Options {
     pub(crate) cull: Option<Cull>,
     pub(crate) edges: Edges,
     pub(crate) draw: Draw,
+    /// What a probe of the device found, if `draw` is by one.
+    pub(crate) probe: Option<Probe>,
     /// Hemicubes of a submission.
     pub(crate) batch: Option<u32>,
     /// Hemicubes side by side.
@@ -26,16 +29,21 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// Reads `key=value,key=value`.
-    pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
+    /// Reads `key=value,key=value`. `probe` is asked for `draw=auto`, with the other options.
+    pub(crate) fn parse(
+        text: &str,
+        probe: impl FnOnce(Self) -> Result<Probe, BackendError>,
+    ) -> Result<Self, BackendError> {
         let mut given = hemicube_abi::Options::parse(text)?;
         let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
         let memory = number(&mut given, "memory", 1, u32::MAX)?.map(|mib| u64::from(mib) << 20);
-        let options = Self {
+        let drawn = draw(&mut given, common.edges, cull)?;
+        let mut options = Self {
             cull,
             edges: common.edges.unwrap_or_default(),
-            draw: draw(&mut given, common.edges, cull)?,
+            draw: drawn.unwrap_or_default(),
+            probe: None,
             batch: common.batch,
             group: common.group,
             memory,
@@ -44,6 +52,11 @@ impl Options {
             fixed_draws: !given.take_switch("counts")?.unwrap_or(true),
         };
         given.finish()?;
+        if drawn.is_none() {
+            let found = probe(options)?;
+            options.draw = found.draw;
+            options.probe = Some(found);
+        }
         Ok(options)
     }
 }
