@@ -1,11 +1,13 @@
 //! Rows of the wgpu backend, with the validation layer on: whatever it or wgpu says fails the test.
 
+use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings, StageTimes};
 use hemicube::delta::DeltaTable;
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_backend_wgpu::{devices, open, open_with_fault};
+use hemicube_scene::{InputPatch, Scene, Triangle};
 use hemicube_tests::devices::{
     Apart, DRIVERS_EDGES, EXACT_EDGES, Opened, SHARED_WALLS, agrees_with_the_cpu, city_with_duplicates, compare_rows,
     covered_and_tiny_agree_with_the_cpu, emitters_are_not_seen_from_off_their_planes, extreme_scenes, is_sum_of,
@@ -219,6 +221,74 @@ fn a_wrong_shader_makes_other_rows() {
             let wrong = apart(from, to);
             assert!(wrong.worst > EXACT_EDGES.row, "`{to}`: {wrong:?}");
         }
+    });
+}
+
+/// Behind a wall that hides it, more runs of chunks than a tile lists at once; before the wall a triangle that comes after
+/// them in the octree's order.
+fn more_than_a_list() -> (Model, Hemicube) {
+    const DENSE: u32 = 560;
+    let of = |corners: [DVec3; 3]| Triangle {
+        corners,
+        object: 0,
+        material: 0,
+        face: 0,
+        two_sided: false,
+    };
+    let quad = |[a, b, c, d]: [DVec3; 4]| [of([a, b, c]), of([a, c, d])];
+    let p = DVec3::new;
+    let mut triangles = vec![of([p(-0.01, -0.01, 1.0), p(0.0, 0.02, 1.0), p(0.01, -0.01, 1.0)])];
+    triangles.extend(quad([
+        p(-1.0, 0.01, 0.2),
+        p(1.0, 0.01, 0.2),
+        p(1.0, 1.0, 0.2),
+        p(-1.0, 1.0, 0.2),
+    ]));
+    triangles.push(of([p(0.1, 0.2, 0.6), p(0.2, 0.2, 0.6), p(0.1, 0.3, 0.6)]));
+    let at = |i: u32, j: u32| {
+        p(
+            f64::from(i) / f64::from(DENSE) - 1.0,
+            f64::from(j) / f64::from(DENSE),
+            -1.0,
+        )
+    };
+    for j in 0..DENSE {
+        for i in 0..DENSE {
+            triangles.extend(quad([at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]));
+        }
+    }
+    let scene = Scene {
+        triangles,
+        ..Scene::default()
+    };
+    let model = model(scene, hemicube_scene::Subdivision::None);
+    let hemicube = Hemicube {
+        axes: [DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z],
+        ..model.hemicubes(InputPatch(0), 1, false)[0]
+    };
+    (model, hemicube)
+}
+
+#[test]
+#[ignore = "600,000 triangles on a driver that renders on the processor: ./test --full"]
+fn a_tile_sees_what_comes_after_its_first_list_of_runs() {
+    on_a_device(|| {
+        let (model, hemicube) = more_than_a_list();
+        let one = std::slice::from_ref(&hemicube);
+        let (cpu, _) = render_with(&mut CpuBackend::new(), &model, one, settings(32, false));
+        assert!(cpu.row(0).patches.contains(&3), "the small triangle is seen");
+        let apart = |from, to| {
+            let mut session = open_with_fault(0, TILES[0], from, to).expect("it was there");
+            let (rows, _) = render_with(&mut session, &model, one, settings(32, false));
+            compare_rows(&rows, &cpu)
+        };
+        let right = apart("", "");
+        assert!(right.worst <= EXACT_EDGES.row, "{right:?}");
+        let wrong = apart(
+            "return vec2<u32>(first, count);",
+            "return vec2<u32>(settings.run_count, count);",
+        );
+        assert!(wrong.worst > EXACT_EDGES.row, "one list alone: {wrong:?}");
     });
 }
 
