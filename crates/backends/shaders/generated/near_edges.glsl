@@ -85,6 +85,7 @@ struct There {
 struct Found {
     uint id;
     float nearness;
+    bool ended;
 };
 const uint RUN = 32u;
 const uint GROUP = 64u;
@@ -451,27 +452,26 @@ uint worst(There t_1) {
     return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
 }
 
-Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
+Found beside(View v_15, uint id_5, There begin, uint face_5, vec3 direction_3) {
     uint start = 0u;
     uint side = 0u;
     uint step_ = 0u;
     bool local_10 = false;
     bool local_11 = false;
     bool local_12 = false;
-    uint _e7 = _group_1_binding_1_cs.triangle_count;
-    uint first_of_sides = (3u * _e7);
-    uint _e9 = triangle_of(id_5);
-    There _e10 = there(v_15, _e9, face_5, direction_3);
-    uint _e13 = worst(_e10);
-    start = ((3u * _e9) + _e13);
+    uint _e8 = _group_1_binding_1_cs.triangle_count;
+    uint first_of_sides = (3u * _e8);
+    uint _e11 = triangle_of(id_5);
+    uint _e13 = worst(begin);
+    start = ((3u * _e11) + _e13);
     uint _e17 = start;
     uint _e20 = _group_1_binding_16_cs[(first_of_sides + _e17)];
     side = _e20;
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
-            uint _e102 = step_;
-            step_ = (_e102 + 1u);
+            uint _e103 = step_;
+            step_ = (_e103 + 1u);
         }
         loop_init = false;
         uint _e24 = step_;
@@ -493,7 +493,7 @@ Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
             There _e37 = there(v_15, other, face_5, direction_3);
             uint _e43 = _group_1_binding_16_cs[(3u * other)];
             Vertex owner = _group_1_binding_15_cs[_e43];
-            bool is_folded = (_e37.is_back != _e10.is_back);
+            bool is_folded = (_e37.is_back != begin.is_back);
             bool _e49 = is_inside(_e37);
             if (_e49) {
                 local_11 = !(is_folded);
@@ -511,19 +511,21 @@ Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
                     local_12 = true;
                 }
                 bool is_emitter = local_12;
-                return Found((_e37.is_back ? back : owner.front), (is_emitter ? 0.0 : _e37.nearness));
+                return Found((_e37.is_back ? back : owner.front), (is_emitter ? 0.0 : _e37.nearness), true);
             }
-            uint _e89 = worst(_e37);
-            uint _e91 = side;
-            uint next = (is_folded ? _e91 : ((3u * other) + _e89));
-            uint _e93 = start;
-            uint _e94 = side;
-            start = ((next == _e94) ? _e93 : next);
-            uint _e100 = _group_1_binding_16_cs[(first_of_sides + next)];
-            side = _e100;
+            uint _e90 = worst(_e37);
+            uint _e92 = side;
+            uint next = (is_folded ? _e92 : ((3u * other) + _e90));
+            uint _e94 = start;
+            uint _e95 = side;
+            start = ((next == _e95) ? _e94 : next);
+            uint _e101 = _group_1_binding_16_cs[(first_of_sides + next)];
+            side = _e101;
         }
     }
-    return Found(id_5, 0.0);
+    uint _e105 = side;
+    uint _e106 = start;
+    return Found(id_5, 0.0, (_e105 == _e106));
 }
 
 vec4 within(uint face_6, vec3 p_5) {
@@ -560,11 +562,11 @@ void walk(uint layer_8, uint face_8, vec3 from_frame, vec3 along_frame) {
     vec4 crossing = (_e10 / (_e10 - _e12));
     vec4 begins = mix(vec4(0.0), crossing, lessThan(_e10, vec4(0.0)));
     vec4 ends = mix(vec4(1.0), crossing, lessThan(_e12, vec4(0.0)));
-    float begin = max(max(begins.x, begins.y), max(begins.z, begins.w));
+    float begin_1 = max(max(begins.x, begins.y), max(begins.z, begins.w));
     float end_1 = min(min(ends.x, ends.y), min(ends.z, ends.w));
-    vec3 a_9 = (_e8 + (begin * _e9));
+    vec3 a_9 = (_e8 + (begin_1 * _e9));
     vec3 b_4 = (_e8 + (end_1 * _e9));
-    if ((begin < end_1)) {
+    if ((begin_1 < end_1)) {
         local_13 = (a_9.z > 0.0);
     } else {
         local_13 = false;

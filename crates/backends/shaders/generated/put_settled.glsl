@@ -85,6 +85,7 @@ struct There {
 struct Found {
     uint id;
     float nearness;
+    bool ended;
 };
 const uint RUN = 32u;
 const uint GROUP = 64u;

@@ -85,6 +85,7 @@ struct There {
 struct Found {
     uint id;
     float nearness;
+    bool ended;
 };
 const uint RUN = 32u;
 const uint GROUP = 64u;
@@ -414,11 +415,11 @@ void walk(uint layer_8, uint face_8, vec3 from_frame, vec3 along_frame) {
     vec4 crossing = (_e10 / (_e10 - _e12));
     vec4 begins = mix(vec4(0.0), crossing, lessThan(_e10, vec4(0.0)));
     vec4 ends = mix(vec4(1.0), crossing, lessThan(_e12, vec4(0.0)));
-    float begin = max(max(begins.x, begins.y), max(begins.z, begins.w));
+    float begin_1 = max(max(begins.x, begins.y), max(begins.z, begins.w));
     float end_1 = min(min(ends.x, ends.y), min(ends.z, ends.w));
-    vec3 a_8 = (_e8 + (begin * _e9));
+    vec3 a_8 = (_e8 + (begin_1 * _e9));
     vec3 b_3 = (_e8 + (end_1 * _e9));
-    if ((begin < end_1)) {
+    if ((begin_1 < end_1)) {
         local_13 = (a_8.z > 0.0);
     } else {
         local_13 = false;

@@ -85,6 +85,7 @@ struct There {
 struct Found {
     uint id;
     float nearness;
+    bool ended;
 };
 const uint RUN = 32u;
 const uint GROUP = 64u;
@@ -432,27 +433,26 @@ uint worst(There t_1) {
     return ((min(t_1.sides.y, t_1.sides.z) < t_1.sides.x) ? later : 0u);
 }
 
-Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
+Found beside(View v_15, uint id_5, There begin, uint face_5, vec3 direction_3) {
     uint start = 0u;
     uint side = 0u;
     uint step_ = 0u;
     bool local_10 = false;
     bool local_11 = false;
     bool local_12 = false;
-    uint _e7 = _group_1_binding_1_cs.triangle_count;
-    uint first_of_sides = (3u * _e7);
-    uint _e9 = triangle_of(id_5);
-    There _e10 = there(v_15, _e9, face_5, direction_3);
-    uint _e13 = worst(_e10);
-    start = ((3u * _e9) + _e13);
+    uint _e8 = _group_1_binding_1_cs.triangle_count;
+    uint first_of_sides = (3u * _e8);
+    uint _e11 = triangle_of(id_5);
+    uint _e13 = worst(begin);
+    start = ((3u * _e11) + _e13);
     uint _e17 = start;
     uint _e20 = _group_1_binding_16_cs[(first_of_sides + _e17)];
     side = _e20;
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
-            uint _e102 = step_;
-            step_ = (_e102 + 1u);
+            uint _e103 = step_;
+            step_ = (_e103 + 1u);
         }
         loop_init = false;
         uint _e24 = step_;
@@ -474,7 +474,7 @@ Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
             There _e37 = there(v_15, other, face_5, direction_3);
             uint _e43 = _group_1_binding_16_cs[(3u * other)];
             Vertex owner = _group_1_binding_15_cs[_e43];
-            bool is_folded = (_e37.is_back != _e10.is_back);
+            bool is_folded = (_e37.is_back != begin.is_back);
             bool _e49 = is_inside(_e37);
             if (_e49) {
                 local_11 = !(is_folded);
@@ -492,19 +492,21 @@ Found beside(View v_15, uint id_5, uint face_5, vec3 direction_3) {
                     local_12 = true;
                 }
                 bool is_emitter = local_12;
-                return Found((_e37.is_back ? back : owner.front), (is_emitter ? 0.0 : _e37.nearness));
+                return Found((_e37.is_back ? back : owner.front), (is_emitter ? 0.0 : _e37.nearness), true);
             }
-            uint _e89 = worst(_e37);
-            uint _e91 = side;
-            uint next = (is_folded ? _e91 : ((3u * other) + _e89));
-            uint _e93 = start;
-            uint _e94 = side;
-            start = ((next == _e94) ? _e93 : next);
-            uint _e100 = _group_1_binding_16_cs[(first_of_sides + next)];
-            side = _e100;
+            uint _e90 = worst(_e37);
+            uint _e92 = side;
+            uint next = (is_folded ? _e92 : ((3u * other) + _e90));
+            uint _e94 = start;
+            uint _e95 = side;
+            start = ((next == _e95) ? _e94 : next);
+            uint _e101 = _group_1_binding_16_cs[(first_of_sides + next)];
+            side = _e101;
         }
     }
-    return Found(id_5, 0.0);
+    uint _e105 = side;
+    uint _e106 = start;
+    return Found(id_5, 0.0, (_e105 == _e106));
 }
 
 vec4 within(uint face_6, vec3 p_5) {
@@ -530,11 +532,13 @@ void main() {
     uint others[8] = uint[8](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
     uint other_count = 0u;
     bool is_beside_nothing = false;
+    uint times_shown = 0u;
     uint y = 0u;
     uint x = 0u;
     bool local = false;
     bool is_known = false;
     uint k = 0u;
+    float kept = 0.0;
     float best = 0.0;
     uint chosen = 0u;
     bool local_1 = false;
@@ -552,8 +556,8 @@ void main() {
     bool loop_init_1 = true;
     while(true) {
         if (!loop_init_1) {
-            uint _e228 = i_3;
-            i_3 = (_e228 + (groups_1.x * GROUP));
+            uint _e247 = i_3;
+            i_3 = (_e247 + (groups_1.x * GROUP));
         }
         loop_init_1 = false;
         uint _e27 = i_3;
@@ -577,16 +581,17 @@ void main() {
             others = uint[8](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
             other_count = 0u;
             is_beside_nothing = false;
+            times_shown = 0u;
             y = low_3.y;
             bool loop_init_2 = true;
             while(true) {
                 if (!loop_init_2) {
-                    uint _e146 = y;
-                    y = (_e146 + 1u);
+                    uint _e152 = y;
+                    y = (_e152 + 1u);
                 }
                 loop_init_2 = false;
-                uint _e93 = y;
-                if ((_e93 <= high_3.y)) {
+                uint _e95 = y;
+                if ((_e95 <= high_3.y)) {
                 } else {
                     break;
                 }
@@ -595,128 +600,146 @@ void main() {
                     bool loop_init_3 = true;
                     while(true) {
                         if (!loop_init_3) {
-                            uint _e143 = x;
-                            x = (_e143 + 1u);
+                            uint _e149 = x;
+                            x = (_e149 + 1u);
                         }
                         loop_init_3 = false;
-                        uint _e98 = x;
-                        if ((_e98 <= high_3.x)) {
+                        uint _e100 = x;
+                        if ((_e100 <= high_3.x)) {
                         } else {
                             break;
                         }
                         {
-                            uint _e102 = x;
-                            uint _e103 = y;
-                            uvec4 _e108 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(uvec2(_e102, _e103)), int(layer_9)), 0);
-                            uint id_6 = _e108.x;
-                            bool _e110 = is_beside_nothing;
-                            is_beside_nothing = (_e110 || (id_6 == escaped));
+                            uint _e104 = x;
+                            uint _e105 = y;
+                            uvec4 _e110 = texelFetch(_group_1_binding_11_cs, ivec3(ivec2(uvec2(_e104, _e105)), int(layer_9)), 0);
+                            uint id_6 = _e110.x;
+                            bool _e112 = is_beside_nothing;
+                            is_beside_nothing = (_e112 || (id_6 == escaped));
+                            uint _e115 = times_shown;
+                            times_shown = (_e115 + uint((id_6 == shown)));
                             if (!((id_6 == shown))) {
                                 local = (id_6 == escaped);
                             } else {
                                 local = true;
                             }
-                            bool _e119 = local;
-                            is_known = _e119;
+                            bool _e125 = local;
+                            is_known = _e125;
                             k = 0u;
                             bool loop_init_4 = true;
                             while(true) {
                                 if (!loop_init_4) {
-                                    uint _e133 = k;
-                                    k = (_e133 + 1u);
+                                    uint _e139 = k;
+                                    k = (_e139 + 1u);
                                 }
                                 loop_init_4 = false;
-                                uint _e123 = k;
-                                uint _e124 = other_count;
-                                if ((_e123 < _e124)) {
+                                uint _e129 = k;
+                                uint _e130 = other_count;
+                                if ((_e129 < _e130)) {
                                 } else {
                                     break;
                                 }
                                 {
-                                    bool _e126 = is_known;
-                                    uint _e127 = k;
-                                    uint _e129 = others[_e127];
-                                    is_known = (_e126 || (_e129 == id_6));
+                                    bool _e132 = is_known;
+                                    uint _e133 = k;
+                                    uint _e135 = others[_e133];
+                                    is_known = (_e132 || (_e135 == id_6));
                                 }
                             }
-                            bool _e135 = is_known;
-                            if (!(_e135)) {
-                                uint _e137 = other_count;
-                                others[_e137] = id_6;
-                                uint _e139 = other_count;
-                                other_count = (_e139 + 1u);
+                            bool _e141 = is_known;
+                            if (!(_e141)) {
+                                uint _e143 = other_count;
+                                others[_e143] = id_6;
+                                uint _e145 = other_count;
+                                other_count = (_e145 + 1u);
                             }
                         }
                     }
                 }
             }
-            float _e148 = nearness(v_16, shown, _e41, _e42);
-            float kept = ((shown != escaped) ? _e148 : 0.0);
-            best = (IN_FRONT * kept);
+            kept = 0.0;
+            best = 0.0;
             chosen = shown;
-            if ((kept == 0.0)) {
-                local_1 = (shown != escaped);
-            } else {
-                local_1 = false;
-            }
-            bool _e162 = local_1;
-            if (_e162) {
-                Found _e163 = beside(v_16, shown, _e41, _e42);
-                best = (IN_FRONT * _e163.nearness);
-                chosen = ((_e163.nearness > 0.0) ? _e163.id : shown);
+            if ((shown != escaped)) {
+                uint _e160 = triangle_of(shown);
+                There _e161 = there(v_16, _e160, _e41, _e42);
+                bool _e162 = is_inside(_e161);
+                if (_e162) {
+                    kept = _e161.nearness;
+                    float _e165 = kept;
+                    best = (IN_FRONT * _e165);
+                } else {
+                    Found _e167 = beside(v_16, shown, _e161, _e41, _e42);
+                    if ((_e167.nearness > 0.0)) {
+                        chosen = _e167.id;
+                        best = (IN_FRONT * _e167.nearness);
+                    } else {
+                        if (!(!(_e167.ended))) {
+                            uint _e180 = times_shown;
+                            local_1 = (_e180 == 1u);
+                        } else {
+                            local_1 = true;
+                        }
+                        bool _e184 = local_1;
+                        if (_e184) {
+                            best = (IN_FRONT * max(_e161.nearness, 0.0));
+                        }
+                    }
+                }
             }
             k_1 = 0u;
             bool loop_init_5 = true;
             while(true) {
                 if (!loop_init_5) {
-                    uint _e187 = k_1;
-                    k_1 = (_e187 + 1u);
+                    uint _e205 = k_1;
+                    k_1 = (_e205 + 1u);
                 }
                 loop_init_5 = false;
-                uint _e174 = k_1;
-                uint _e175 = other_count;
-                if ((_e174 < _e175)) {
+                uint _e192 = k_1;
+                uint _e193 = other_count;
+                if ((_e192 < _e193)) {
                 } else {
                     break;
                 }
                 {
-                    uint _e177 = k_1;
-                    uint _e179 = others[_e177];
-                    float _e180 = nearness(v_16, _e179, _e41, _e42);
-                    float _e181 = best;
-                    if ((_e180 > _e181)) {
-                        best = _e180;
-                        uint _e183 = k_1;
-                        uint _e185 = others[_e183];
-                        chosen = _e185;
+                    uint _e195 = k_1;
+                    uint _e197 = others[_e195];
+                    float _e198 = nearness(v_16, _e197, _e41, _e42);
+                    float _e199 = best;
+                    if ((_e198 > _e199)) {
+                        best = _e198;
+                        uint _e201 = k_1;
+                        uint _e203 = others[_e201];
+                        chosen = _e203;
                     }
                 }
             }
-            float _e189 = best;
-            if ((_e189 == 0.0)) {
-                bool _e194 = is_beside_nothing;
-                local_2 = _e194;
+            float _e207 = best;
+            if ((_e207 == 0.0)) {
+                bool _e212 = is_beside_nothing;
+                local_2 = _e212;
             } else {
                 local_2 = false;
             }
-            bool _e196 = local_2;
-            if (_e196) {
+            bool _e214 = local_2;
+            if (_e214) {
                 chosen = escaped;
             }
-            _group_1_binding_27_cs[place_1] = ((kept == 0.0) ? (pixel_1 | OUTSIDE) : pixel_1);
-            uint _e208 = chosen;
-            _group_1_binding_27_cs[(place_1 + 1u)] = _e208;
+            float _e219 = kept;
+            _group_1_binding_27_cs[place_1] = ((_e219 == 0.0) ? (pixel_1 | OUTSIDE) : pixel_1);
+            uint _e227 = chosen;
+            _group_1_binding_27_cs[(place_1 + 1u)] = _e227;
             _group_1_binding_27_cs[(place_1 + 2u)] = shown;
-            uint _e213 = chosen;
-            if ((_e213 != shown)) {
+            uint _e232 = chosen;
+            if ((_e232 != shown)) {
                 uint weight_1 = _group_1_binding_12_cs[pixel_1];
-                uint _e219 = chosen;
-                uint _e220 = visible_at(layer_9, _e219);
-                uint _e222 = atomicAdd(_group_1_binding_13_cs[_e220], weight_1);
-                uint _e224 = visible_at(layer_9, shown);
-                uint _e226 = atomicAdd(_group_1_binding_13_cs[_e224], -weight_1);
-                uint _e227 = chosen;
-                touch(layer_9, _e227);
+                uint _e238 = chosen;
+                uint _e239 = visible_at(layer_9, _e238);
+                uint _e241 = atomicAdd(_group_1_binding_13_cs[_e239], weight_1);
+                uint _e243 = visible_at(layer_9, shown);
+                uint _e245 = atomicAdd(_group_1_binding_13_cs[_e243], -weight_1);
+                uint _e246 = chosen;
+                touch(layer_9, _e246);
             }
         }
     }

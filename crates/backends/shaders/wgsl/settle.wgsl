@@ -238,19 +238,18 @@ fn worst(t: There) -> u32 {
     return select(0u, later, min(t.sides.y, t.sides.z) < t.sides.x);
 }
 
-// What covers a pixel's centre.
+// What covers a pixel's centre, if anything was found. Without it `ended` tells that the surface ends there.
 struct Found {
     id: u32,
     nearness: f32,
+    ended: bool,
 }
 
 // From a triangle that misses a pixel's centre, walks across sides to one that covers it and faces the same way: where
 // triangles are smaller than pixels, it may be shown nowhere. Without one, the nearness is 0.
-fn beside(v: View, id: u32, face: u32, direction: vec3<f32>) -> Found {
+fn beside(v: View, id: u32, begin: There, face: u32, direction: vec3<f32>) -> Found {
     let first_of_sides = 3u * settings.triangle_count;
-    let number = triangle_of(id);
-    let begin = there(v, number, face, direction);
-    var start = 3u * number + worst(begin);
+    var start = 3u * triangle_of(id) + worst(begin);
     var side = indices[first_of_sides + start];
     for (var step = 0u; step < MOST_BESIDE && side != start; step++) {
         let other = side / 3u;
@@ -260,14 +259,14 @@ fn beside(v: View, id: u32, face: u32, direction: vec3<f32>) -> Found {
         if (is_inside(t) && !is_folded) {
             let back = select(owner.back, settings.patch_count + 2u + owner.front, owner.back == settings.patch_count);
             let is_emitter = owner.front == v.emitter || owner.back == v.emitter;
-            return Found(select(owner.front, back, t.is_back), select(t.nearness, 0.0, is_emitter));
+            return Found(select(owner.front, back, t.is_back), select(t.nearness, 0.0, is_emitter), true);
         }
         // Around the same side, or on across another.
         let next = select(3u * other + worst(t), side, is_folded);
         start = select(next, start, next == side);
         side = indices[first_of_sides + next];
     }
-    return Found(id, 0.0);
+    return Found(id, 0.0, side == start);
 }
 
 // The distances of a point from the planes bounding a face, widened by a pixel.
@@ -395,10 +394,12 @@ fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgro
         var others: array<u32, 8>;
         var other_count = 0u;
         var is_beside_nothing = false;
+        var times_shown = 0u;
         for (var y = low.y; y <= high.y; y++) {
             for (var x = low.x; x <= high.x; x++) {
                 let id = textureLoad(items, vec2<i32>(vec2<u32>(x, y)), i32(layer), 0).x;
                 is_beside_nothing |= id == escaped;
+                times_shown += u32(id == shown);
                 var is_known = id == shown || id == escaped;
                 for (var k = 0u; k < other_count; k++) {
                     is_known |= others[k] == id;
@@ -409,18 +410,30 @@ fn settle(@builtin(global_invocation_id) thread: vec3<u32>, @builtin(num_workgro
                 }
             }
         }
-        let kept = select(0.0, nearness(v, shown, face, direction), shown != escaped);
-        var best = IN_FRONT * kept;
+        var kept = 0.0;
+        var best = 0.0;
         var chosen = shown;
-        if (kept == 0.0 && shown != escaped) {
-            let found = beside(v, shown, face, direction);
-            best = IN_FRONT * found.nearness;
-            chosen = select(shown, found.id, found.nearness > 0.0);
+        if (shown != escaped) {
+            let t = there(v, triangle_of(shown), face, direction);
+            if (is_inside(t)) {
+                kept = t.nearness;
+                best = IN_FRONT * kept;
+            } else {
+                let found = beside(v, shown, t, face, direction);
+                if (found.nearness > 0.0) {
+                    chosen = found.id;
+                    best = IN_FRONT * found.nearness;
+                } else if (!found.ended || times_shown == 1u) {
+                    // The driver gives a triangle as many pixels wrongly as it leaves out. Those left out of one shown
+                    // in no pixel around are not known here: none may be taken from it either.
+                    best = IN_FRONT * max(t.nearness, 0.0);
+                }
+            }
         }
         for (var k = 0u; k < other_count; k++) {
-            let there = nearness(v, others[k], face, direction);
-            if (there > best) {
-                best = there;
+            let other = nearness(v, others[k], face, direction);
+            if (other > best) {
+                best = other;
                 chosen = others[k];
             }
         }
