@@ -12,6 +12,7 @@ use hemicube::backend::HemicubeBackend;
 use hemicube::driver::input::{SceneInput, SceneSettings as GivenSettings};
 use hemicube::driver::room::{self, Work};
 pub(crate) use hemicube::driver::settings::axis_name;
+use hemicube::store::Store;
 use hemicube::{Grouping, HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, with_close};
 use hemicube_host::{Environment, LoadedBackend, OPENS_LIBRARIES, Options, Registry, Search};
@@ -229,6 +230,21 @@ impl EngineSettings {
         }
     }
 
+    /// Where no engine is asked for, takes that of an earlier matrix by the built-in backend: rows are taken over from one
+    /// with the same alone, and a change of the scene may make another suit it. A matrix that cannot be read is told later.
+    pub(crate) fn follow(&mut self, earlier: &Path) {
+        if self.engine == Engine::Auto
+            && [BUILT_IN, "auto"].contains(&self.backend.as_str())
+            && let Ok(store) = Store::open(earlier)
+            && store.manifest().backend.name == BUILT_IN
+        {
+            self.engine = match EngineChoice::of_version(&store.manifest().backend.version) {
+                EngineChoice::Order => Engine::Order,
+                _ => Engine::Depth,
+            };
+        }
+    }
+
     /// Opens the backend asked for. A named one never becomes another; `auto` tells its choice and the reason.
     ///
     /// # Errors
@@ -356,6 +372,17 @@ pub(crate) fn prepare_of(
         hinted(anyhow!("`--{} {}` matches {what}", error.list, error.glob), error.there)
     })?;
     let load_seconds = started.elapsed().as_secs_f64();
+    let useless = scene.repaired.non_finite + scene.repaired.degenerate;
+    if scene.triangles.is_empty() && useless < scene.triangles_read && !settings.exclude.is_empty() {
+        return Err(hinted(
+            anyhow!(
+                "`--exclude` leaves none of the {} of `{}`",
+                counted(scene.triangles_read, "triangle"),
+                path.display()
+            ),
+            "name fewer objects or materials",
+        ));
+    }
     if scene.triangles.is_empty() {
         return Err(anyhow!(
             "`{}` holds no triangle that can be used: of {}, {} not finite and {} without area",

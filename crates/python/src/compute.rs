@@ -5,7 +5,7 @@ use crate::errors;
 use crate::matrix::Matrix;
 use crate::portals::{self, AskedBand};
 use crate::scene::Scene;
-use crate::session::BackendChoice;
+use crate::session::{BUILT_IN, BackendChoice};
 use hemicube::accuracy::correct::Correction;
 use hemicube::backend::{Culling, RESOLUTIONS};
 use hemicube::driver::compute::{PartSink, Progress, RowChoice};
@@ -16,6 +16,7 @@ use hemicube::driver::update::Update;
 use hemicube::portal::Portals;
 use hemicube::store::{Form, Part, PatchTable, Store};
 use hemicube::{Grouping, Model, PatchKind};
+use hemicube_backend_cpu::EngineChoice;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -356,6 +357,18 @@ pub(crate) fn compute(
         }
         None => None,
     };
+    // As of the earlier matrix where none is asked for: a change of the scene may make another engine suit it.
+    let earlier = update.as_ref().map(|update| update.backend());
+    let engine = match earlier {
+        Some([BUILT_IN, version]) if engine == "auto" && backend == BUILT_IN => {
+            match EngineChoice::of_version(version) {
+                EngineChoice::Order => "order",
+                _ => "depth",
+            }
+        }
+        _ => engine,
+    }
+    .to_owned();
     let job = Job {
         update,
         portals: portals.next().unwrap_or_default(),
@@ -387,7 +400,7 @@ pub(crate) fn compute(
     let request = Request {
         job,
         model,
-        backend: BackendChoice::new(backend, backend_dir, options, engine)?,
+        backend: BackendChoice::new(backend, backend_dir, options, &engine)?,
         further: portals.collect(),
         outputs: match (output, &band) {
             (None, _) => Vec::new(),

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 
 /// The module's own backend.
-const BUILT_IN: &str = "cpu";
+pub(crate) const BUILT_IN: &str = "cpu";
 
 /// A backend with everything needed to open it. Sessions are opened on demand.
 #[derive(Clone, Debug)]

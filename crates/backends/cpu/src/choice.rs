@@ -28,6 +28,17 @@ pub enum EngineChoice {
     Claims,
 }
 
+impl EngineChoice {
+    /// The engine with the rows of a matrix that names this version of the backend.
+    pub fn of_version(version: &str) -> Self {
+        if version.starts_with("order") {
+            Self::Order
+        } else {
+            Self::Depth
+        }
+    }
+}
+
 /// The engine of a scene, with the partition that it walks beside the tree.
 #[derive(Debug)]
 pub(crate) enum Engine {

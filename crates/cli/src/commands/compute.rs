@@ -338,7 +338,10 @@ impl Tally {
     }
 }
 
-pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
+pub(crate) fn run(mut arguments: Arguments, talk: Talk) -> Result<Exit> {
+    if let Some(earlier) = &arguments.update {
+        arguments.render.engine.follow(earlier);
+    }
     let bands = arguments.portals.bands()?;
     let cancel = exit::watch_interrupts().context("Ctrl-C cannot be watched")?;
     // clap requires a scene; only `--print-config` goes without.

@@ -172,6 +172,12 @@ impl Update {
         self.store.manifest().run()
     }
 
+    /// Name and version of the backend of the earlier matrix.
+    pub fn backend(&self) -> [&str; 2] {
+        let backend = &self.store.manifest().backend;
+        [&backend.name, &backend.version]
+    }
+
     /// The new scene's model with the random numbers of the earlier matrix.
     #[must_use]
     pub fn number(&self, model: Model) -> Model {

@@ -151,7 +151,8 @@ impl Screen {
         search.is_hidden(&hides)
     }
 
-    /// A test of regions: whether one hides all of a triangle from all of a body.
+    /// A test of regions: whether one hides all of a triangle from all of a body. A body with a face on the region, as of two
+    /// surfaces in one place, may be seen in its stead.
     fn occluder<const N: usize>(
         &self,
         from: [DVec3; 3],
@@ -162,7 +163,10 @@ impl Screen {
         let [from, small] = [&from, small].map(|triangle| triangle.map(|corner| corner - origin));
         let to = to.map(|corner| corner - origin);
         let tolerance = self.regions.tree.plane_tolerance;
-        move |region| hides(self.regions.corners(region), origin, &from, &to, &small, tolerance)
+        move |region| {
+            let polygon = self.regions.corners(region);
+            hides(polygon, origin, &from, &to, &small, tolerance) && !has_face_in(polygon, origin, &to, tolerance)
+        }
     }
 
     fn hides(&self, from: [DVec3; 3], plane: &Plane, target: [DVec3; 3], search: &mut Search) -> bool {
@@ -241,6 +245,17 @@ impl Search {
         }
         found.is_some()
     }
+}
+
+/// Returns whether three corners of a body or more lie in a polygon's plane.
+fn has_face_in<const N: usize>(polygon: &[DVec3], origin: DVec3, body: &[DVec3; N], tolerance: f64) -> bool {
+    let normal = (polygon[1] - polygon[0]).cross(polygon[2] - polygon[0]);
+    let slack = tolerance * normal.length();
+    let first = polygon[0] - origin;
+    body.iter()
+        .filter(|&&corner| normal.dot(corner - first).abs() <= slack)
+        .count()
+        >= 3
 }
 
 /// The longest edge of a triangle: the corner that it begins at, and its squared length.
@@ -350,6 +365,26 @@ mod tests {
         let walls = [wall(3.0, 2.0, 4.0, 2.0), wall(3.2, -1.8, 5.2, 2.0)];
         assert!(walls.iter().all(|wall| !is_hidden(&[*wall], GROUND, target)));
         assert!(is_hidden(&walls, GROUND, target));
+    }
+
+    /// The faces of a box 1 m deep, as high and broad as a wall at x.
+    fn block(x: f64, breadth: f64, height: f64) -> Vec<[DVec3; 3]> {
+        faces([p(x, -0.5 * breadth, 0.0), p(x + 1.0, 0.5 * breadth, height)]).collect()
+    }
+
+    #[test]
+    fn what_stands_in_the_place_of_a_wall_may_be_seen_in_its_stead() {
+        for (x, hidden) in [(3.0, false), (3.1, true)] {
+            let mut triangles = vec![GROUND];
+            triangles.extend(wall(3.0, 0.0, 8.0, 2.0));
+            let screen = Screen::of(one_sided(&triangles));
+            let targets = screen.targets(block(x, 2.0, 1.0));
+            assert_eq!(
+                screen.hides_all(GROUND, &targets, &mut Search::default()),
+                hidden,
+                "at {x}"
+            );
+        }
     }
 
     #[test]
