@@ -314,7 +314,9 @@ impl Matrix {
                 }
             });
             let (Some((row, column)), Some(value), None) = (entry, value, words.next()) else {
-                return Err(lines.malformed("should have a row, a column and a number"));
+                return Err(lines.malformed(&format!(
+                    "should have a row and a column from 1 to {patch_count}, and a number"
+                )));
             };
             seen += 1;
             if seen > count {

@@ -88,6 +88,13 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     report::require(&arguments.matrix)?;
     report::require(&arguments.reference)?;
     let (matrix, reference) = (Matrix::open(&arguments.matrix)?, Matrix::open(&arguments.reference)?);
+    let size = matrix.patch_count();
+    if let Some(rows) = arguments.rows
+        && (rows.start >= size || rows.end.is_some_and(|end| end > size))
+    {
+        let has = counted(u64::from(size), "row");
+        bail!("`--rows`: `{}` has {has}, from 0 on", arguments.matrix.display());
+    }
     let mut options = CompareOptions::default();
     options.rows = arguments.rows.map(|rows| rows.start..rows.end.unwrap_or(u32::MAX));
     let bar = Bar::spinner(talk, "comparing");
