@@ -4,7 +4,7 @@
 //! is judged alike in every run, and the version that a session reports says what was taken. Once a device and process: all
 //! sessions of a run draw alike.
 //!
-//! Cost: at most [`MOST`] hemicubes either way and turn, and as few as [`FEWEST`] where these take [`ENOUGH`] and more.
+//! Cost: 8 to 512 hemicubes either way, the next turn twice the one before, until one takes 50 ms.
 
 use crate::limits::Draw;
 use glam::DVec3;
