@@ -230,8 +230,9 @@ impl EngineSettings {
         }
     }
 
-    /// Where no engine is asked for, takes that of an earlier matrix by the built-in backend: rows are taken over from one
-    /// with the same alone, and a change of the scene may make another suit it. A matrix that cannot be read is told later.
+    /// Where no engine is asked for, takes that of an earlier matrix by the built-in backend: rows are taken over from
+    /// one with the same alone, and a change of the scene may make another suit it. A matrix that cannot be read is
+    /// told later.
     pub(crate) fn follow(&mut self, earlier: &Path) {
         if self.engine == Engine::Auto
             && [BUILT_IN, "auto"].contains(&self.backend.as_str())

@@ -717,8 +717,8 @@ impl PatchTable {
         self.area.is_empty()
     }
 
-    /// By triangle of `corners`, the patch here with the same corners, to the bit but for the sign of 0. Of several in one
-    /// place, the first stands for the first, and so on.
+    /// By triangle of `corners`, the patch here with the same corners, to the bit but for the sign of 0. Of several in
+    /// one place, the first stands for the first, and so on.
     pub fn partners(&self, corners: impl Iterator<Item = [[f64; 3]; 3]>) -> Vec<Option<u32>> {
         let key = |corners: &[[f64; 3]; 3]| corners.map(|corner| corner.map(|x| (x + 0.0).to_bits()));
         let mut places: HashMap<_, VecDeque<u32>> = HashMap::with_capacity(self.corners.len());

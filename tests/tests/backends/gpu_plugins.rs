@@ -320,9 +320,9 @@ fn a_wall_right_before_a_patch_is_seen() {
     }
 }
 
-/// A strip 24 by 2 pixels of triangles of a twelfth of a pixel, before the sky: nearly all that cover a pixel's centre show
-/// nowhere else, and most are at the strip's edge. What settles edges found no triangle there, and gave up to a tenth of the
-/// strip to the sky.
+/// A strip 24 by 2 pixels of triangles of a twelfth of a pixel, before the sky: nearly all that cover a pixel's centre
+/// show nowhere else, and most are at the strip's edge. What settles edges found no triangle there, and gave
+/// such pixels to the sky.
 #[test]
 fn a_wall_of_triangles_far_smaller_than_a_pixel_has_no_holes() {
     const ACROSS: u32 = 300;

@@ -136,8 +136,8 @@ impl Options {
     /// Reads options, each `key=value`.
     ///
     /// # Errors
-    /// [`OpenError::Option`] for another form, [`OpenError::Twice`] for a repeated key, [`OpenError::Switch`] for `passes`
-    /// and `rays` other than `on` and `off`.
+    /// [`OpenError::Option`] for another form, [`OpenError::Twice`] for a repeated key, [`OpenError::Switch`] for
+    /// `passes` and `rays` other than `on` and `off`.
     ///
     /// ```
     /// use hemicube_host::Options;

@@ -94,7 +94,8 @@ pub fn device_cull(options: &mut Options<'_>) -> Result<Option<Cull>, BackendErr
 /// Takes `draw` of a backend that can draw by compute. `None`: as [`crate::probe`] finds.
 ///
 /// # Errors
-/// [`BackendError::InvalidArgument`] for any other word, and, unless it is `raster`, beside the driver's edges or culling.
+/// [`BackendError::InvalidArgument`] for any other word, and, unless it is `raster`, beside the driver's edges or
+/// culling.
 pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, cull: Option<Cull>) -> Result<Option<Draw>, BackendError> {
     let words = [
         ("raster", Some(Draw::Raster)),

@@ -1,8 +1,8 @@
 //! What a device draws faster, by its rasteriser or by compute shaders: the option `draw=auto`.
 //!
-//! Hemicubes of a room of some 10,000 triangles are drawn both ways and timed. The room is no user's scene, so that a device
-//! is judged alike in every run, and the version that a session reports says what was taken. Once a device and process: all
-//! sessions of a run draw alike.
+//! Hemicubes of a room of some 10,000 triangles are drawn both ways and timed. The room is no user's scene, so that a
+//! device is judged alike in every run, and the version that a session reports says what was taken. Once a device and
+//! process: all sessions of a run draw alike.
 //!
 //! Cost: 8 to 512 hemicubes either way, the next turn twice the one before, until one takes 50 ms.
 
@@ -20,12 +20,12 @@ use std::time::{Duration, Instant};
 const SQUARES: u32 = 29;
 /// Pixels along the edge of the top face, as for those rates.
 const RESOLUTION: u32 = 128;
-/// Hemicubes of the first turn, and of the largest. A choice: fewer do not fill a GPU (64 a submission, four of them); more
-/// take longer to open.
+/// Hemicubes of the first turn, and of the largest. A choice: fewer do not fill a GPU (64 a submission, four of them);
+/// more take longer to open.
 const FEWEST: usize = 8;
 const MOST: usize = 256;
-/// The time from which on a turn is long enough. A choice: a shorter turn is decided by the clock's noise, a longer one is
-/// waited for at each opening.
+/// The time from which on a turn is long enough. A choice: a shorter turn is decided by the clock's noise, a longer one
+/// is waited for at each opening.
 const ENOUGH: Duration = Duration::from_millis(50);
 
 /// The faster way of drawing, with seconds a hemicube.

@@ -163,8 +163,8 @@ impl Upload {
         self.indices.len() / 3
     }
 
-    /// For each side of a triangle, three times the triangle and its place: the next one between the same two corners, as in
-    /// a ring. A side of one triangle alone is its own next. Only exact edges need it. O(n log n).
+    /// For each side of a triangle, three times the triangle and its place: the next one between the same two corners,
+    /// as in a ring. A side of one triangle alone is its own next. Only exact edges need it. O(n log n).
     pub fn sides(&self) -> &[u32] {
         self.sides.get_or_init(|| {
             let mut numbers: HashMap<[u32; 6], u32> = HashMap::with_capacity(self.vertices.len());

@@ -37,8 +37,9 @@ const GROUP: u32 = 64u;
 const NEAR_CENTRE: f32 = 0.0078125;
 // A neighbour hides a pixel's id if it is nearer by this part of 1 / distance: above the rounding of two depths.
 const IN_FRONT: f32 = 1.00001;
-// Sides walked across from a triangle that a pixel shows to the one that covers its centre. Corners are off by half of
-// 1/256 of a pixel, so that but a few are crossed, unless triangles are as small.
+// Bound of the sides walked across from a triangle that a pixel shows to the one that covers its centre. Corners are off by
+// half of 1/256 of a pixel, so that but a few are crossed. A choice: with more, software drivers take longer at each pixel
+// near an edge; with fewer, triangles that are as small keep what the driver gave them.
 const MOST_BESIDE: u32 = 8u;
 // Flag of a listed pixel outside the triangle of its drawn id.
 const OUTSIDE: u32 = 0x80000000u;

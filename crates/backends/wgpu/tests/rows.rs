@@ -224,8 +224,8 @@ fn a_wrong_shader_makes_other_rows() {
     });
 }
 
-/// Behind a wall that hides it, more runs of chunks than a tile lists at once; before the wall a triangle that comes after
-/// them in the octree's order.
+/// Behind a wall that hides it, more runs of chunks than a tile lists at once; before the wall a triangle that comes
+/// after them in the octree's order.
 fn more_than_a_list() -> (Model, Hemicube) {
     const DENSE: u32 = 560;
     let of = |corners: [DVec3; 3]| Triangle {

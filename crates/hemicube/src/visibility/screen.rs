@@ -151,8 +151,8 @@ impl Screen {
         search.is_hidden(&hides)
     }
 
-    /// A test of regions: whether one hides all of a triangle from all of a body. A body with a face on the region, as of two
-    /// surfaces in one place, may be seen in its stead.
+    /// A test of regions: whether one hides all of a triangle from all of a body. A body with a face on the region, as
+    /// of two surfaces in one place, may be seen in its stead.
     fn occluder<const N: usize>(
         &self,
         from: [DVec3; 3],
