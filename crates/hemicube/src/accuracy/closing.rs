@@ -18,6 +18,13 @@ pub(crate) struct Lacking {
     pub(crate) error: f64,
 }
 
+impl Lacking {
+    /// The square of what is lacking less what noise explains: the variance of a row whose errors have one cause.
+    pub(crate) fn common(self) -> f64 {
+        (self.sum * self.sum - self.error * self.error).max(0.0)
+    }
+}
+
 /// A share of a view that may be off.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Uncertain {
@@ -49,7 +56,7 @@ pub(crate) fn project(shares: &mut [Uncertain], lacking: Lacking, most: f64) {
         return;
     }
     let noise = lacking.error * lacking.error;
-    let own_or_more = own.max(lacking.sum * lacking.sum - noise);
+    let own_or_more = own.max(lacking.common());
     let wanted = lacking.sum * own_or_more / (own_or_more + noise);
     let gained = |by: f64| -> f64 { shares.iter().map(|share| share.moved(by, most) - share.value).sum() };
     // Beyond this, all are at their bounds.

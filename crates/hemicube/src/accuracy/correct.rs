@@ -376,6 +376,7 @@ impl<'c> Converter<'c> {
             receives,
             found: self.ray_shares,
             met: std::mem::take(&mut self.met),
+            closed: 0.0,
             crossed: None,
             caster: &mut caster,
         };
@@ -611,6 +612,8 @@ struct SumBalance<'a, 's, R> {
     found: Option<(InputPatch, RayShares)>,
     /// The patches with a column that these rays met, one a ray.
     met: Vec<u32>,
+    /// The largest expected square of what the row lacked before it was closed, without what rays explain.
+    closed: f64,
     /// Whether a one-sided surface crosses the emitter, where that was asked.
     crossed: Option<bool>,
     /// What casts rays beside the processor.
@@ -716,8 +719,8 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
         *self.crossed.get_or_insert_with(|| ray_shares::is_crossed(emitter))
     }
 
-    /// Returns whether a first look by rays meets what has no share, or differs from these shares by more than three
-    /// standard errors and the permitted one.
+    /// Returns whether a first look by rays meets what has no share, finds that a share matters that does not by
+    /// hemicubes, or differs from these shares by more than three standard errors and the permitted one.
     fn differs(&mut self, emitter: &Emitter<'_>, shares: RowShares) -> bool {
         let Some(found) = self.look(emitter) else {
             return false;
@@ -725,7 +728,9 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
         self.found = Some((self.emitter, found));
         let pairs = found.shares().to_array().into_iter().zip(shares.to_array());
         pairs.zip(found.errors()).any(|((seen, share), error)| {
-            (share == 0.0 && seen > 0.0) || (seen - share).abs() > (ERRORS * error).max(self.permitted)
+            let is_missed = share < self.permitted && seen > share + self.permitted;
+            let is_beyond = (seen - share).abs() > (ERRORS * error).max(self.permitted);
+            (share == 0.0 && seen > 0.0) || is_missed || is_beyond
         })
     }
 
@@ -733,7 +738,12 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
     fn look(&mut self, emitter: &Emitter<'_>) -> Option<RayShares> {
         self.cast().or_else(|| {
             self.met.clear();
-            RayShares::look(emitter, self.caster, noting(&self.receives, &mut self.met))
+            RayShares::look(
+                emitter,
+                self.permitted,
+                self.caster,
+                noting(&self.receives, &mut self.met),
+            )
         })
     }
 
@@ -813,6 +823,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
             && let Some(lacking) = self.lacking(emitter, sum_of(row))
         {
             refiner.move_fractions(row, lacking, most);
+            self.closed = self.closed.max(lacking.common());
         }
         refined
     }
@@ -824,7 +835,8 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
         let by_hemicubes = self.hemicubes.refined(factors, error.into());
         let emitter = Emitter::new(self.model, self.emitter);
         if own.is_finite() {
-            if !self.is_split(&emitter, by_hemicubes) {
+            let none_matters = 1.0 - factors + own <= self.permitted;
+            if none_matters || !self.is_split(&emitter, by_hemicubes) {
                 return by_hemicubes;
             }
             let wanted = SURE_PART * self.permitted;
@@ -855,7 +867,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
     fn standard_errors(&self, factors: f64, squared_error: f64, shares: RowShares, is_exact: bool) -> [f32; 2] {
         let rays = self.cast().filter(RayShares::is_measurement);
         let lost = rays.map_or(self.hemicubes, |rays| rays.shares()).lost();
-        let mut squared = squared_error;
+        let mut squared = squared_error.max(self.closed);
         if !is_exact {
             let difference = 1.0 - factors - lost;
             squared = squared.max(difference.powi(2));

@@ -4,10 +4,13 @@
 //! Hemicubes measure them from points. No point stands for a patch reaching out of a solid or for a large one, and form
 //! factors of the whole patch do not tell the three shares apart. Rays from all over the patch do: n of them, cosine
 //! distributed (Malley's method) at points of a scrambled Sobol sequence, leave the variance X (1 − X) n^(−5/4) of a
-//! share X.
+//! share X behind large occluders. Behind occluders too small for so many rays to resolve, such as the twigs of a tree,
+//! rays err like independent ones, X (1 − X) ÷ n. The spread of [`PARTS`] parts of the rays tells the two from each
+//! other (`Spread`).
 
 use crate::accuracy::caster::Caster;
-use crate::accuracy::ladder::{self, rays_to_leave, whole_net};
+use crate::accuracy::error_model::variance_of_rays;
+use crate::accuracy::ladder::{self, whole_net};
 use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
 use crate::backend::Rays;
@@ -23,9 +26,12 @@ use crate::visibility::spaces::{Spaces, cross_each_other};
 use crate::visibility::wide::WideTree;
 use glam::DVec3;
 
-/// Number of rays that look for shares a hemicube did not see: as many as meet a share of twice the permitted error of the
-/// default, 4 %, in 93 of 100 rows, (1 − 0.04)⁶⁴ = 0.07.
+/// Number of rays cast first, to look for shares a hemicube did not see.
 const FIRST: usize = 64;
+/// Number of rays that look for such shares, times the permitted error T: as many as meet a share of 2 T in 93 of 100
+/// rows, (1 − 2 T)ⁿ = 0.07. [`FIRST`] are enough for the default, and no more than [`LEAST`] look: 1 / T of them took
+/// 18 % of a maze's time at 0.1 %.
+const LOOK: f64 = 1.28;
 /// Number of rays of a measurement at least: a standard error of 0.016. They are the processor's and tell what a ray
 /// costs, whoever casts the others. A choice: more leave less to a device, of fewer it would get batches too small to
 /// fill it.
@@ -33,6 +39,9 @@ const LEAST: usize = 4 * FIRST;
 /// Number of rays at most: as many as know any share to a third of 0.1 %. Entries know sums better that are asked for
 /// more.
 const MOST: usize = 1 << 17;
+/// Parts of the rays whose spread tells how they err. A choice: with fewer, the spread is known worse, 1 ÷ √8 of itself
+/// now; with more, parts are too small to tell n^(−5/4) from 1 ÷ n.
+const PARTS: usize = 16;
 /// Blocks of triangles in an emitter's box that are asked whether they cross it: some tenths of a millisecond.
 const MOST_CROSSED: usize = 1024;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
@@ -49,9 +58,69 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
     known(variance, count).sqrt() / (root * eighth)
 }
 
+/// Half the view, of which rays resolve nothing: none errs more.
+const SUREST: Spread = Spread {
+    ray: 0.25,
+    unresolved: 1.0,
+};
+
+/// The shares one by one.
+const UNITS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// The number of rays that leave none of these a standard error above `wanted`.
+fn rays_for(spreads: &[Spread], wanted: f64) -> f64 {
+    spreads.iter().map(|spread| spread.rays_for(wanted)).fold(0, usize::max) as f64
+}
+
 /// The variance of one ray that so many tell: a few rays that agree do not prove that all would.
 fn known(variance: f64, count: usize) -> f64 {
     variance.max(0.25 / count as f64)
+}
+
+/// How the mean of rays errs: the part q of a ray's variance lies in what is too small for the rays to resolve.
+///
+/// ```text
+/// variance of n rays = w · ((1 − q) n^(−5/4) + q ÷ n),   w = X (1 − X)
+/// ```
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    /// w, the variance of one ray.
+    ray: f64,
+    /// q, from 0 to 1.
+    unresolved: f64,
+}
+
+impl Spread {
+    /// By the means of the parts, of so many rays each. The part q is the one that explains their variance, less the
+    /// standard error that this has at q = 0: most rows have none.
+    fn of(means: &[f64; PARTS], ray: f64, rays: usize) -> Self {
+        let mean = means.iter().sum::<f64>() / PARTS as f64;
+        let freedom = (PARTS - 1) as f64;
+        let found = means.iter().map(|of| (of - mean).powi(2)).sum::<f64>() / freedom;
+        let (resolved, independent) = (variance_of_rays(rays as f64), 1.0 / rays as f64);
+        let noise = (2.0 / freedom).sqrt() * resolved;
+        let unresolved = (found / ray - resolved - noise) / (independent - resolved);
+        Self {
+            ray,
+            unresolved: if unresolved > 0.0 { unresolved.min(1.0) } else { 0.0 },
+        }
+    }
+
+    /// The standard error of the mean of so many rays.
+    fn error(self, rays: usize) -> f64 {
+        let rays = rays as f64;
+        let left = (1.0 - self.unresolved) * variance_of_rays(rays) + self.unresolved / rays;
+        (self.ray * left).sqrt()
+    }
+
+    /// The rays of the smallest net that leaves no standard error above `wanted`; [`MOST`] where none does.
+    fn rays_for(self, wanted: f64) -> usize {
+        let mut net = FIRST;
+        while net < MOST && self.error(net) > wanted {
+            net *= 2;
+        }
+        net
+    }
 }
 
 /// Shares measured by rays, which may go on.
@@ -59,10 +128,14 @@ fn known(variance: f64, count: usize) -> f64 {
 pub(crate) struct RayShares {
     /// Rays to the outside, to backs, and to patches without a column.
     met: [u32; 3],
+    /// The same, of each sixteenth of the rays.
+    parts: [[u32; 3]; PARTS],
     /// Number of rays.
     rays: usize,
     /// Blocks of triangles that the first [`LEAST`] of them met.
     blocks: u64,
+    /// True if more were cast than look.
+    is_measurement: bool,
 }
 
 impl RayShares {
@@ -70,24 +143,50 @@ impl RayShares {
         RowShares::from_array(self.met.map(|met| f64::from(met) / self.rays.max(1) as f64))
     }
 
+    /// How the mean of a quantity errs that is a sum of parts of the shares, where a ray has this variance.
+    fn spread(&self, ray: f64, parts: [f64; 3]) -> Spread {
+        let rays = self.rays / PARTS;
+        let mean = |met: &[u32; 3]| -> f64 {
+            let sum: f64 = met.iter().zip(parts).map(|(&met, part)| part * f64::from(met)).sum();
+            sum / rays.max(1) as f64
+        };
+        Spread::of(&self.parts.each_ref().map(mean), known(ray, self.rays.max(1)), rays)
+    }
+
+    fn spreads(&self) -> [Spread; 3] {
+        let shares = self.shares().to_array();
+        [0, 1, 2].map(|k| self.spread(shares[k] * (1.0 - shares[k]), UNITS[k]))
+    }
+
     /// The standard errors of the shares.
     pub(crate) fn errors(&self) -> [f64; 3] {
-        self.shares()
-            .to_array()
-            .map(|share| error(share * (1.0 - share), self.rays))
+        self.spreads().map(|spread| spread.error(self.rays))
+    }
+
+    /// How shares err where the form factors tell the sum L of all three: of a share X, the variance X (1 − X ÷ L)
+    /// remains.
+    fn divided(&self) -> [Spread; 3] {
+        let lost = self.shares().lost().max(f64::MIN_POSITIVE);
+        let shares = self.shares().to_array();
+        [0, 1, 2].map(|k| {
+            let part = shares[k] / lost;
+            self.spread(shares[k] * (1.0 - part), UNITS[k].map(|own| own - part))
+        })
     }
 
     /// The standard error of *escaped*, where the form factors tell the sum of all three.
     pub(crate) fn escaped_error(&self) -> f64 {
-        let shares = self.shares();
-        let lost = shares.lost().max(f64::MIN_POSITIVE);
-        error(shares.escaped * (1.0 - shares.escaped / lost), self.rays)
+        self.divided()[0].error(self.rays)
+    }
+
+    fn summed(&self) -> Spread {
+        let sum = self.shares().lost().min(1.0);
+        self.spread(sum * (1.0 - sum), [1.0; 3])
     }
 
     /// The standard error of the sum of all three.
     pub(crate) fn error(&self) -> f64 {
-        let sum = self.shares().lost().min(1.0);
-        error(sum * (1.0 - sum), self.rays)
+        self.summed().error(self.rays)
     }
 
     /// What may be lost, at 95 %, where no ray was; 0 where one was. The standard error says too little of it: rays
@@ -108,32 +207,23 @@ impl RayShares {
 
     /// The number of rays that leave no share a standard error above `wanted`.
     pub(crate) fn for_shares(&self, wanted: f64) -> f64 {
-        let variances = self.shares().to_array().map(|share| share * (1.0 - share));
-        self.rays_for(variances.into_iter().fold(0.0, f64::max), wanted)
+        rays_for(&self.spreads(), wanted)
     }
 
-    /// The number of rays that leave no share a standard error above `wanted` where the form factors tell the sum L of all
-    /// three: of a share X, the variance X (1 − X ÷ L) remains.
+    /// The number of rays that leave no share a standard error above `wanted` where the form factors tell the sum of
+    /// all three.
     pub(crate) fn for_division(&self, wanted: f64) -> f64 {
-        let shares = self.shares();
-        let lost = shares.lost().max(f64::MIN_POSITIVE);
-        let variances = shares.to_array().map(|share| share * (1.0 - share / lost));
-        self.rays_for(variances.into_iter().fold(0.0, f64::max), wanted)
+        rays_for(&self.divided(), wanted)
     }
 
     /// The number of rays that leave the sum of all three no standard error above `wanted`.
     pub(crate) fn for_sum(&self, wanted: f64) -> f64 {
-        let sum = self.shares().lost().min(1.0);
-        self.rays_for(sum * (1.0 - sum), wanted)
-    }
-
-    fn rays_for(&self, variance: f64, wanted: f64) -> f64 {
-        rays_to_leave(wanted * wanted / known(variance, self.rays.max(1)))
+        rays_for(&[self.summed()], wanted)
     }
 
     /// Returns whether they are a measurement, not only a look at what a hemicube did not see.
     pub(crate) fn is_measurement(&self) -> bool {
-        self.rays >= LEAST
+        self.is_measurement
     }
 
     /// The number of rays that meet so many blocks of triangles, by the first [`LEAST`]: others may be cast by who counts
@@ -143,15 +233,31 @@ impl RayShares {
         blocks as f64 * counted / self.blocks.max(1) as f64
     }
 
-    /// Casts the first rays from a patch. `None` for a patch without area.
+    /// Casts the first rays from a patch: the whole net of [`LOOK`] ÷ `permitted`, [`LEAST`] at most. `None` for
+    /// a patch without area.
     pub(crate) fn look(
         emitter: &Emitter<'_>,
+        permitted: f64,
         caster: &mut Caster<'_>,
-        receives: impl FnMut(u32) -> bool,
+        mut receives: impl FnMut(u32) -> bool,
     ) -> Option<Self> {
         let mut found = Self::default();
-        found.cast(emitter, FIRST, caster, receives);
-        (found.rays > 0).then_some(found)
+        found.cast(emitter, FIRST, caster, &mut receives);
+        if found.rays == 0 {
+            return None;
+        }
+        let wanted = (LOOK / permitted).min(found.paid(permitted));
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most LEAST")]
+        let wanted = whole_net(wanted, FIRST, LEAST) as usize;
+        if wanted > FIRST {
+            found.cast(emitter, wanted, caster, receives);
+        }
+        Some(found)
+    }
+
+    /// The number of rays that meet the steps of a search beside a row.
+    fn paid(&self, permitted: f64) -> f64 {
+        self.rays_of_blocks(steps_beside(permitted))
     }
 
     /// Goes on until there are as many rays as `wanted` says, or as [`Self::go_on`] casts.
@@ -178,15 +284,15 @@ impl RayShares {
         caster: &mut Caster<'_>,
         receives: impl FnMut(u32) -> bool,
     ) -> bool {
-        let sure = rays_to_leave((permitted / ERRORS).powi(2) / 0.25);
-        let paid = self.rays_of_blocks(steps_beside(permitted));
+        let sure = SUREST.rays_for(permitted / ERRORS) as f64;
+        let paid = self.paid(permitted);
         let wanted = whole_net(wanted.min(sure).min(paid), LEAST, MOST);
-        let next = ladder::next(self.rays, wanted, MOST, BATCH);
-        let Some(next) = next.filter(|_| paid > self.rays as f64) else {
-            return false;
-        };
-        self.cast(emitter, next, caster, receives);
-        true
+        let next = ladder::next(self.rays, wanted, MOST, BATCH).filter(|_| paid > self.rays as f64);
+        if let Some(next) = next {
+            self.cast(emitter, next, caster, receives);
+        }
+        self.is_measurement = self.rays >= LEAST;
+        next.is_some()
     }
 
     /// Casts rays until there are `wanted`. `receives` is asked of each patch met and tells the patches with a column.
@@ -237,6 +343,7 @@ impl RayShares {
                 ends: &ends,
             });
         }
+        self.merge_parts(wanted);
         let spaces = Spaces::of(emitter.model);
         let is_closed = spaces.is_closed(emitter.patch.0);
         let is_apart = |id| id >= tree.patch_count || spaces.separate(emitter.patch.0, id);
@@ -260,15 +367,29 @@ impl RayShares {
                     }
                     id => Some(id),
                 };
-                match id {
+                let share = match id {
                     // A ray that leaves a closed space went through a seam of its walls, to their backs.
-                    None => self.met[usize::from(is_closed)] += 1,
-                    Some(id) if is_apart(id) => self.met[1] += 1,
-                    Some(id) => self.met[2] += u32::from(!receives(id)),
+                    None => Some(usize::from(is_closed)),
+                    Some(id) if is_apart(id) => Some(1),
+                    Some(id) => (!receives(id)).then_some(2),
+                };
+                if let Some(share) = share {
+                    self.met[share] += 1;
+                    self.parts[(at + l) * PARTS / wanted][share] += 1;
                 }
             }
         }
         self.rays = wanted;
+    }
+
+    /// Merges the parts of the rays so far into those of `wanted` rays, which are a power of two times as many.
+    fn merge_parts(&mut self, wanted: usize) {
+        let before = std::mem::take(&mut self.parts);
+        let each = self.rays / PARTS;
+        for (part, met) in before.iter().enumerate() {
+            let into = &mut self.parts[part * each * PARTS / wanted];
+            (0..3).for_each(|share| into[share] += met[share]);
+        }
     }
 }
 
@@ -318,7 +439,7 @@ mod tests {
 
     fn measure(emitter: &Emitter<'_>, permitted: f64, receives: impl Fn(u32) -> bool) -> Option<RayShares> {
         let caster = &mut Caster::none();
-        let mut found = RayShares::look(emitter, caster, &receives)?;
+        let mut found = RayShares::look(emitter, permitted, caster, &receives)?;
         found.refine(
             emitter,
             permitted,
@@ -428,6 +549,85 @@ mod tests {
             .expect("it has area")
             .shares();
         assert!(shares.blocked > 0.99, "{shares:?}");
+    }
+
+    /// Draws from 0 to 1.
+    fn draws(seed: u64) -> impl FnMut() -> f64 {
+        let mut state = seed;
+        move || (splitmix::next(&mut state) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    #[test]
+    fn the_spread_of_parts_tells_rays_that_err_independently() {
+        let mut draw = draws(7);
+        // Means of 64 rays each of variance 1: uniform draws of the standard deviation asked for.
+        let mut found = |deviation: f64| -> Vec<f64> {
+            (0..200)
+                .map(|_| {
+                    Spread::of(
+                        &std::array::from_fn(|_| deviation * 12f64.sqrt() * (draw() - 0.5)),
+                        1.0,
+                        64,
+                    )
+                    .unresolved
+                })
+                .collect()
+        };
+        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
+        let resolved = found(variance_of_rays(64.0).sqrt());
+        let independent = found(0.125);
+        assert!(mean(&resolved) < 0.1, "{}", mean(&resolved));
+        assert!(mean(&independent) > 0.6, "{}", mean(&independent));
+        assert!(resolved.iter().filter(|&&of| of == 0.0).count() > 150);
+        let alike = Spread::of(&[0.5; PARTS], 0.25, 64);
+        let law = error(0.25, 1024);
+        assert!((alike.error(1024) / law - 1.0).abs() < 1e-12, "the law alone");
+        assert_eq!(alike.rays_for(alike.error(1024)), 1024);
+        assert_eq!(SUREST.rays_for(0.0), MOST);
+    }
+
+    /// Patches below thousands of twigs, which 1,024 rays do not resolve, and below a roof of two triangles.
+    #[test]
+    fn standard_errors_hold_below_twigs_and_below_a_roof() {
+        let mut draw = draws(1);
+        let mut point = |low: DVec3, size: DVec3| low + size * DVec3::new(draw(), draw(), draw());
+        let mut twigs: Vec<_> = (0..3000)
+            .map(|_| {
+                let root = point(DVec3::new(-3., -3., 0.1), DVec3::new(6., 6., 2.));
+                let along = point(DVec3::splat(-0.5), DVec3::ONE).normalize();
+                let side = along.any_orthonormal_vector() * 0.006;
+                ([root - side, root + side, root + along * 0.6], true)
+            })
+            .collect();
+        let p = DVec3::new;
+        let mut roof = vec![([p(-9., 0.3, 1.), p(0., -9., 1.), p(9., 0.2, 1.)], true)];
+        let squared = |scene: &mut Vec<_>| -> (f64, f64) {
+            let first = scene.len() as u32;
+            for k in 0..24 {
+                let at = p(f64::from(k % 6) - 2.5, f64::from(k / 6) - 1.5, 0.);
+                scene.push(([at, at + DVec3::X * 0.5, at + DVec3::Y * 0.5], false));
+            }
+            let model = of_triangles(scene);
+            let caster = &mut Caster::none();
+            let mut sums = [0.0; 2];
+            for patch in first..first + 24 {
+                let emitter = Emitter::new(&model, InputPatch(patch));
+                let mut found = RayShares::look(&emitter, 1.0, caster, |_| true).expect("it has area");
+                found.cast(&emitter, 1024, caster, |_| true);
+                let (share, stated) = (found.shares().escaped, found.errors()[0]);
+                let law = error(share * (1.0 - share), 1024);
+                found.cast(&emitter, MOST, caster, |_| true);
+                let off = found.shares().escaped - share;
+                sums[0] += (off / stated).powi(2) / 24.0;
+                sums[1] += (off / law).powi(2) / 24.0;
+            }
+            (sums[0].sqrt(), sums[1].sqrt())
+        };
+        let (by_spread, by_law) = squared(&mut twigs);
+        assert!(by_law > 1.5, "twigs are not resolved: {by_law}");
+        assert!((0.6..1.4).contains(&by_spread), "{by_spread}");
+        let (by_spread, by_law) = squared(&mut roof);
+        assert!(by_law < 1.2 && (0.5..1.2).contains(&by_spread), "{by_spread}, {by_law}");
     }
 
     #[test]
