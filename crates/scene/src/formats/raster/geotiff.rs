@@ -1,6 +1,7 @@
 //! GeoTIFF: the first image of a TIFF, one band of heights, or two with the ground's, or three with the canopy's.
 
 use super::{Raster, cells_of};
+use crate::formats::parse_xml;
 use crate::{Error, ReadOptions};
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
@@ -16,6 +17,12 @@ const RASTER_TYPE: u16 = 1025;
 const IS_POINT: u16 = 2;
 const PROJECTED_CRS: u16 = 3072;
 const USER_DEFINED: u16 = 32767;
+/// The tag of GDAL's metadata, an XML text.
+const GDAL_METADATA: u16 = 42112;
+/// The bit of `NewSubfileType` of a mask, by TIFF 6.0.
+const IS_MASK: u32 = 4;
+/// Images of a file that may be a mask: overviews are some ten.
+const IMAGES_MAX: u32 = 64;
 
 type Image<'a> = Decoder<Cursor<&'a [u8]>>;
 
@@ -92,16 +99,23 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
     // A value is kept as text, and a height of 32 bits is the nearest of that.
     #[allow(clippy::cast_possible_truncation, reason = "as the file's own numbers")]
     let is_none = |height: f64| none.is_some_and(|none| height == none || height == f64::from(none as f32));
+    let scaling = Scaling::of(&mut image, bands)?;
     let all = reals(image.read_image().map_err(wrong)?)?;
+    require_no_mask(&mut image)?;
     if all.len() != cells * bands {
         return Err(Error::malformed(format!("has {} values for {cells} cells", all.len())));
     }
     let mut found: Vec<Vec<f64>> = (0..bands)
         .map(|band| {
             let values = all.iter().skip(band).step_by(bands);
-            values
-                .map(|&height| if is_none(height) { f64::NAN } else { height })
-                .collect()
+            let height = |&value: &f64| {
+                if is_none(value) {
+                    f64::NAN
+                } else {
+                    scaling[band].height(value)
+                }
+            };
+            values.map(height).collect()
         })
         .collect();
     let mut further = found.split_off(1).into_iter();
@@ -117,6 +131,75 @@ pub(super) fn read(bytes: &[u8], options: ReadOptions) -> Result<Raster, Error> 
         canopy,
         crs: place.crs.take(),
     })
+}
+
+/// What makes heights of a band's values: value · scale + offset, as GDAL writes them beside a TIFF's tags.
+#[derive(Clone, Copy)]
+struct Scaling {
+    scale: f64,
+    offset: f64,
+}
+
+impl Scaling {
+    /// Of each band, by the items of role `scale` and `offset` in `GDAL_METADATA`.
+    fn of(image: &mut Image<'_>, bands: usize) -> Result<Vec<Self>, Error> {
+        let mut found = vec![
+            Self {
+                scale: 1.0,
+                offset: 0.0
+            };
+            bands
+        ];
+        let Some(text) = image.find_tag(Tag::Unknown(GDAL_METADATA)).map_err(wrong)? else {
+            return Ok(found);
+        };
+        let text = text.into_string().map_err(wrong)?;
+        let document = parse_xml(text.trim_end_matches('\0'))?;
+        for item in document.descendants().filter(|node| node.has_tag_name("Item")) {
+            let role = item.attribute("role").unwrap_or_default();
+            if role != "scale" && role != "offset" {
+                continue;
+            }
+            let band = item.attribute("sample").unwrap_or("0").parse::<usize>().ok();
+            let number = item.text().and_then(|text| text.trim().parse::<f64>().ok());
+            let (Some(band), Some(number)) = (
+                band.and_then(|band| found.get_mut(band)),
+                number.filter(|number| number.is_finite()),
+            ) else {
+                return Err(Error::malformed(format!(
+                    "has a {role} of a band that is no number or of no band"
+                )));
+            };
+            *(if role == "scale" {
+                &mut band.scale
+            } else {
+                &mut band.offset
+            }) = number;
+        }
+        Ok(found)
+    }
+
+    fn height(self, value: f64) -> f64 {
+        value * self.scale + self.offset
+    }
+}
+
+/// Refuses a mask of the cells, which a further image of the file may be: they would be ground.
+fn require_no_mask(image: &mut Image<'_>) -> Result<(), Error> {
+    for _ in 1..IMAGES_MAX {
+        // What is no image is none of the height model, whose own was read.
+        if !image.more_images() || image.next_image().is_err() {
+            break;
+        }
+        let kind: Option<u32> = image.find_tag_unsigned(Tag::NewSubfileType).map_err(wrong)?;
+        if kind.is_some_and(|kind| kind & IS_MASK != 0) {
+            return Err(Error::unsupported(
+                "has a mask of its cells, which is not read; `gdalwarp -dstnodata -9999` writes cells without a height as \
+                 such",
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Values as real numbers.

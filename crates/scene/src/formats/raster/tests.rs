@@ -228,6 +228,50 @@ fn a_geotiff_has_its_place_its_system_and_the_ground_as_a_second_band() {
     );
 }
 
+/// Heights 10 times as large in a file of integers, and a mask of the cells as a second image.
+fn scaled(metadata: &str, has_mask: bool) -> Vec<u8> {
+    use ::tiff::encoder::TiffEncoder;
+    use ::tiff::encoder::colortype::{Gray8, Gray16};
+    use ::tiff::tags::Tag;
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut file).expect("a file");
+    let mut image = encoder.new_image::<Gray16>(2, 1).expect("an image");
+    let tags = image.encoder();
+    tags.write_tag(Tag::ModelPixelScaleTag, &[2.0, 2.0, 0.0][..])
+        .expect("a tag");
+    tags.write_tag(Tag::ModelTiepointTag, &[0.0; 6][..]).expect("a tag");
+    tags.write_tag(Tag::Unknown(42112), metadata).expect("a tag");
+    image.write_data(&[0, 100]).expect("values");
+    if has_mask {
+        let mut mask = encoder.new_image::<Gray8>(2, 1).expect("an image");
+        mask.encoder().write_tag(Tag::NewSubfileType, 4u32).expect("a tag");
+        mask.write_data(&[255, 0]).expect("values");
+    }
+    file.into_inner()
+}
+
+#[test]
+fn a_geotiff_has_its_scale_and_offset_and_no_mask() {
+    let items = |scale: &str| {
+        format!(
+            "<GDALMetadata><Item name=\"SCALE\" sample=\"0\" role=\"scale\">{scale}</Item><Item name=\"OFFSET\" \
+             sample=\"0\" role=\"offset\">5</Item><Item name=\"AREA\">city</Item></GDALMetadata>"
+        )
+    };
+    let read = |bytes: &[u8]| read(bytes, None, ReadOptions::default());
+    let scene = read(&scaled(&items("0.1"), false)).expect("a scene");
+    let highest = scene
+        .triangles
+        .iter()
+        .flat_map(|triangle| triangle.corners)
+        .map(|corner| corner.z);
+    assert_eq!(highest.fold(0.0, f64::max), 15.0);
+    let error = read(&scaled(&items("tall"), false)).expect_err("no number");
+    assert!(error.to_string().contains("a scale of a band"), "{error}");
+    let error = read(&scaled(&items("0.1"), true)).expect_err("a mask");
+    assert!(error.to_string().contains("has a mask of its cells"), "{error}");
+}
+
 /// A picture of 16 bits and three colours with a place.
 fn photo(keys: &[u16]) -> Vec<u8> {
     use ::tiff::encoder::{TiffEncoder, colortype::RGB16};
