@@ -127,6 +127,22 @@ pub struct SolutionWriter {
     rows: u64,
     /// Right-hand sides written, by quantity.
     written: Vec<u64>,
+    /// Dropped last: then the folder has no file of an unfinished solution.
+    _made: Option<MadeFolder>,
+}
+
+/// A folder made for a solution: it goes with the solution that is not finished, if nothing else is in it.
+struct MadeFolder(PathBuf);
+
+impl Drop for MadeFolder {
+    fn drop(&mut self) {
+        // What holds files stays, and nobody waits for an answer here.
+        if std::fs::remove_dir(&self.0).is_ok()
+            && let Some(parent) = self.0.parent()
+        {
+            let _ = std::fs::remove_dir(parent);
+        }
+    }
 }
 
 impl std::fmt::Debug for SolutionWriter {
@@ -139,8 +155,8 @@ impl std::fmt::Debug for SolutionWriter {
 }
 
 impl SolutionWriter {
-    /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. Replaces one of
-    /// that name.
+    /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. It replaces one of
+    /// that name when it is finished, and leaves nothing where it is not.
     ///
     /// # Errors
     /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
@@ -152,15 +168,9 @@ impl SolutionWriter {
                 format!("{quantities:?} of {rows} right-hand sides are no solution"),
             ));
         }
+        let made = (!directory.exists()).then(|| MadeFolder(directory.clone()));
         std::fs::create_dir_all(&directory).map_err(|error| Error::io(&directory, "created", error))?;
         let lock = FolderLock::take(&directory)?;
-        // Without its report the old solution is none any more.
-        match std::fs::remove_file(directory.join(REPORT)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(Error::io(&directory.join(REPORT), "removed", error));
-            }
-            _ => {}
-        }
         let patches = u64::from(store.patch_count());
         let header = NpyHeader::bytes(ElementType::F64, &[rows, patches]);
         let mut files = Vec::new();
@@ -179,6 +189,7 @@ impl SolutionWriter {
             written: vec![0; files.len()],
             files,
             rows,
+            _made: made,
         })
     }
 
@@ -216,6 +227,14 @@ impl SolutionWriter {
                 format!("{:?} of {} right-hand sides were given", self.written, self.rows),
             ));
         }
+        // Without its report the old solution is none any more.
+        let report_path = self.directory.join(REPORT);
+        match std::fs::remove_file(&report_path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(Error::io(&report_path, "removed", error));
+            }
+            _ => {}
+        }
         let mut quantities = Vec::new();
         let mut checksums = serde_json::Map::new();
         for (name, path, file) in self.files {
@@ -238,7 +257,7 @@ impl SolutionWriter {
                 whole.insert(key.clone(), value.clone());
             }
         }
-        let path = self.directory.join(REPORT);
+        let path = report_path;
         let text = serde_json::to_string_pretty(&whole)
             .map_err(|error| Error::refused(&path, format!("its report is no JSON: {error}")))?;
         write_whole(&path, seal_json(text).as_bytes(), "")?;
