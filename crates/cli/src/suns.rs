@@ -13,7 +13,7 @@
 //! (`uniform` without it), `extraterrestrial` the sun's irradiance above the atmosphere, and `sky_temperature` (K),
 //! `air_temperature` (°C), `humidity` (%) and `wind` (m/s) what else people and surfaces feel. `ground` is the
 //! reflectance of a level ground without end, in the open sun and sky, which is seen below the horizon where the scene
-//! leaves off; without it that is dark.
+//! leaves off; without it that is dark. A column that nothing reads is warned of, and one that is misspelt refused.
 //!
 //! A planet below a satellite has `planet_x`, `planet_y`, `planet_z` (the direction towards its middle), `half_angle`
 //! (degrees, of its disc), and `albedo` and `infrared`: the sunlight that it reflects and the heat that it sends, W/m² of
@@ -21,7 +21,7 @@
 
 use crate::exit::hinted;
 use crate::report::{count, counted};
-use crate::table::{Head, head, short, told};
+use crate::table::{Head, Unit, head, short, told};
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
 use hemicube::frame::Horizon;
@@ -30,6 +30,7 @@ use hemicube_weather::sky::{Cie, Model, Patch, Perez, radiances};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use strsim::levenshtein;
 
 /// The sun's irradiance above the atmosphere where a table does not say it, W/m² (ASTM E490-00).
 const EXTRATERRESTRIAL: f64 = 1366.1;
@@ -124,7 +125,7 @@ pub(crate) struct Moment {
     extraterrestrial: f64,
     /// Reflectance of the ground below the horizon.
     ground: f64,
-    /// Temperature of the sky, K.
+    /// Temperature of the sky, K: all moments of a table have one, or none has.
     pub(crate) sky_temperature: Option<f64>,
     /// The air, where the table has all of it.
     pub(crate) air: Option<Air>,
@@ -179,10 +180,109 @@ pub(crate) struct Suns {
     pub(crate) moments: Vec<Moment>,
     /// What of the air the table has, and what not, where it has some of it.
     pub(crate) lacks_air: Option<String>,
+    /// Columns that nothing reads.
+    unread: Vec<String>,
 }
 
 /// Columns of the air.
 const AIR: [&str; 3] = ["air_temperature", "humidity", "wind"];
+
+/// Columns that name the moments: the first of them does.
+const NAMES: [&str; 4] = ["time", "moment", "hour", "name"];
+
+/// Columns of numbers, and what they are in.
+const NUMBERS: [(&str, Unit); 20] = [
+    ("x", Unit::Direction),
+    ("y", Unit::Direction),
+    ("z", Unit::Direction),
+    ("azimuth", Unit::Degrees),
+    ("altitude", Unit::Degrees),
+    ("elevation", Unit::Degrees),
+    ("direct", Unit::Irradiance),
+    ("diffuse", Unit::Irradiance),
+    ("extraterrestrial", Unit::Irradiance),
+    ("ground", Unit::Share),
+    ("sky_temperature", Unit::Kelvin),
+    ("air_temperature", Unit::Celsius),
+    ("humidity", Unit::Percent),
+    ("wind", Unit::Speed),
+    ("planet_x", Unit::Direction),
+    ("planet_y", Unit::Direction),
+    ("planet_z", Unit::Direction),
+    ("half_angle", Unit::Degrees),
+    ("albedo", Unit::Irradiance),
+    ("infrared", Unit::Irradiance),
+];
+
+/// Letters of a name from which on one that differs in a single letter is taken for it. A choice: short words are close
+/// to others.
+const LETTERS: usize = 5;
+
+/// Checks that a header has each column once, in its unit, and the sun's direction by angles or by axes; returns the
+/// columns that nothing reads.
+fn unread(names: &[String]) -> Result<Vec<String>> {
+    let shorts: Vec<String> = names.iter().map(|name| short(name)).collect();
+    let at = |wanted: &str| shorts.iter().position(|name| name == wanted);
+    if let (Some(azimuth), Some(axis)) = (at("azimuth"), ["x", "y", "z"].into_iter().find_map(at)) {
+        bail!(
+            "the columns `{}` and `{}` both say where the sun stands; leave the angles or `x,y,z` out",
+            names[azimuth],
+            names[axis]
+        );
+    }
+    let mut unread = Vec::new();
+    for (place, (name, of)) in names.iter().zip(&shorts).enumerate() {
+        let is_altitude = ALTITUDE.contains(&&**of);
+        let number = NUMBERS.iter().find(|(known, _)| known == of);
+        let is_read = number.is_some() || of == "sky" || NAMES.contains(&&**of);
+        if !is_read || (is_altitude && at("azimuth").is_none()) {
+            unread.extend((!of.is_empty()).then(|| name.clone()));
+            continue;
+        }
+        if let Some((_, unit)) = number {
+            unit.require(name)?;
+        }
+        let is_same = |other: &String| other == of || (is_altitude && ALTITUDE.contains(&&**other));
+        if let Some(other) = shorts[..place].iter().position(is_same) {
+            bail!(
+                "the columns `{}` and `{name}` are the same; leave one of them out",
+                names[other]
+            );
+        }
+    }
+    require_spelt(&unread, &shorts)?;
+    Ok(unread)
+}
+
+/// Refuses a column that nothing reads whose name is nearly one that the header lacks.
+fn require_spelt(unread: &[String], shorts: &[String]) -> Result<()> {
+    let has = |known: &str| shorts.iter().any(|name| name == known);
+    let has_names = NAMES.into_iter().any(has);
+    let names = NAMES.into_iter().filter(|_| !has_names);
+    let known = NUMBERS.iter().map(|(name, _)| *name).chain(names);
+    let lacking: Vec<&str> = known.filter(|name| name.len() >= LETTERS && !has(name)).collect();
+    for name in unread {
+        let given = short(name);
+        if let Some(known) = lacking.iter().find(|known| levenshtein(&given, known) == 1) {
+            bail!("there is no column `{name}`; did you mean `{known}`?");
+        }
+    }
+    Ok(())
+}
+
+/// The name of a moment that a table gives none.
+fn made_name(at: usize) -> String {
+    format!("sun {at}")
+}
+
+/// The first moment that two tables name differently. Names that the program made, and empty ones, are those of any.
+pub(crate) fn first_difference(names: &[String], others: &[String]) -> Option<usize> {
+    let is_given = |at: usize, name: &str| !name.is_empty() && name != made_name(at);
+    let mut pairs = names.iter().zip(others).enumerate();
+    pairs
+        .find(|&(at, (name, other))| name != other && is_given(at, name) && is_given(at, other))
+        .map(|(at, _)| at)
+}
 
 impl Suns {
     /// Reads a table.
@@ -200,12 +300,18 @@ impl Suns {
             Some(line) => anyhow!("{}:{line}: {error}", path.display()),
             None => anyhow!("`{}` {error}", path.display()),
         };
-        let Head { mut reader, names } = head(bytes).map_err(|(line, error)| at(line, error))?;
+        let Head {
+            mut reader,
+            names,
+            line: first,
+        } = head(bytes).map_err(|(line, error)| at(line, error))?;
+        let first = Some(first);
+        let unread = unread(&names).map_err(|error| at(first, error))?;
         let column = |wanted: &[&str]| names.iter().position(|name| wanted.contains(&&*short(name)));
         let needed = |wanted: &str| {
             column(&[wanted]).ok_or_else(|| {
                 hinted(
-                    at(Some(1), anyhow!("there is no column `{wanted}`")),
+                    at(first, anyhow!("there is no column `{wanted}`")),
                     "a header such as `time,x,y,z,direct,diffuse` names the columns: the direction towards the sun (or \
                      `azimuth,altitude` in degrees), and W/m² across its beam and from the sky on a level plane; \
                      `hemicube suns` makes such a table",
@@ -221,7 +327,7 @@ impl Suns {
             Some(_) => None,
         };
         let direct = needed("direct")?;
-        let (diffuse, name) = (column(&["diffuse"]), column(&["time", "moment", "hour", "name"]));
+        let (diffuse, name) = (column(&["diffuse"]), column(&NAMES));
         let [sky, extraterrestrial, ground] = ["sky", "extraterrestrial", "ground"].map(|name| column(&[name]));
         let sky_temperature = column(&["sky_temperature"]);
         let air = AIR.map(|name| column(&[name]));
@@ -240,7 +346,7 @@ impl Suns {
         };
         if let Some((_, _, [None, None])) = planet {
             return Err(hinted(
-                at(Some(1), anyhow!("there is a planet that sends nothing")),
+                at(first, anyhow!("there is a planet that sends nothing")),
                 "give it the column `albedo` or `infrared`, in W/m² of its surface",
             ));
         }
@@ -250,7 +356,7 @@ impl Suns {
                 .find(|name| column(&[name]).is_some())
         {
             return Err(hinted(
-                at(Some(1), anyhow!("there is `{lone}`, and no `half_angle`")),
+                at(first, anyhow!("there is `{lone}`, and no `half_angle`")),
                 "a planet has the columns `planet_x,planet_y,planet_z,half_angle,albedo,infrared`: the direction \
                  towards its middle, degrees, and W/m² of its surface",
             ));
@@ -262,7 +368,9 @@ impl Suns {
             moments: Vec::new(),
             lacks_air: (!has.is_empty() && !lacks.is_empty())
                 .then(|| format!("{}, and no {}", has.join(" and "), lacks.join(" and no "))),
+            unread,
         };
+        let mut lines = Vec::new();
         for record in reader.records() {
             let record = record.map_err(|error| {
                 let (line, error) = told(&error);
@@ -351,8 +459,9 @@ impl Suns {
             let given = name.and_then(|name| record.get(name)).filter(|name| !name.is_empty());
             found
                 .names
-                .push(given.map_or_else(|| format!("sun {}", found.moments.len()), str::to_owned));
+                .push(given.map_or_else(|| made_name(found.moments.len()), str::to_owned));
             found.moments.push(moment);
+            lines.push(line);
         }
         if found.moments.is_empty() {
             bail!(
@@ -360,17 +469,44 @@ impl Suns {
                 path.display()
             );
         }
+        if let Some(dark) = found.without_sky_temperature() {
+            return Err(hinted(
+                at(
+                    lines[dark],
+                    anyhow!(
+                        "`{}` has no `sky_temperature`, and other moments have one",
+                        found.names[dark]
+                    ),
+                ),
+                "give it one, in K, or leave the column out",
+            ));
+        }
         Ok(found)
     }
 
+    /// The first moment without a temperature of the sky, where another has one.
+    fn without_sky_temperature(&self) -> Option<usize> {
+        let has = |moment: &Moment| moment.sky_temperature.is_some();
+        let without = self.moments.iter().position(|moment| !has(moment));
+        without.filter(|_| self.moments.iter().any(has))
+    }
+
+    /// The warning of columns that nothing reads, once.
+    fn warning_of_unread(&mut self) -> Option<String> {
+        let unread = std::mem::take(&mut self.unread);
+        let names: Vec<String> = unread.iter().map(|name| format!("`{name}`")).collect();
+        (!names.is_empty()).then(|| format!("nothing reads {} of `{}`", names.join(", "), self.path.display()))
+    }
+
     /// Turns directions of a table of angles into the scene's axes. Their suns below the horizon send nothing; returns
-    /// the warning of it where the table says otherwise.
+    /// the warning of it where the table says otherwise, and of columns that nothing reads.
     ///
     /// # Errors
     /// When there are such, and the scene has no horizon.
     pub(crate) fn turn(&mut self, horizon: impl FnOnce() -> Result<Horizon>) -> Result<Option<String>> {
+        let unread = self.warning_of_unread();
         if !self.is_of_angles {
-            return Ok(None);
+            return Ok(unread);
         }
         let horizon = horizon().with_context(|| format!("`{}` has an azimuth", self.path.display()))?;
         let mut below = 0;
@@ -383,7 +519,7 @@ impl Suns {
             }
         }
         self.is_of_angles = false;
-        Ok((below > 0).then(|| {
+        let below = (below > 0).then(|| {
             format!(
                 "{} of {} in `{}` with direct light from below the horizon: it is left out; directions by `x,y,z` are taken \
                  from anywhere",
@@ -391,7 +527,9 @@ impl Suns {
                 counted(self.moments.len() as u64, "moment"),
                 self.path.display()
             )
-        }))
+        });
+        let all: Vec<String> = below.into_iter().chain(unread).collect();
+        Ok((!all.is_empty()).then(|| all.join("; ")))
     }
 
     /// Number of moments.
@@ -468,7 +606,7 @@ mod tests {
     fn columns_are_found_by_name_and_faults_by_line() {
         let read = |text: &str| Suns::of(text.as_bytes(), "s.csv".as_ref());
         let found =
-            read("# a day\ntime;direct (W/m2);x;y;z;sky_temperature (K)\n09:00;700;0;0;2;280\nnight;0;0;0;0;\n")
+            read("# a day\ntime;direct (W/m2);x;y;z;sky_temperature (K)\n09:00;700;0;0;2;280\nnight;0;0;0;0;270\n")
                 .expect("suns");
         assert_eq!(found.names, ["09:00", "night"]);
         let [noon, night] = &found.moments[..] else {
@@ -484,7 +622,7 @@ mod tests {
             some.lacks_air.as_deref(),
             Some("`air_temperature` and `wind`, and no `humidity`")
         );
-        assert!(!found.has_sky() && night.direction == DVec3::ZERO && night.sky_temperature.is_none());
+        assert!(!found.has_sky() && night.direction == DVec3::ZERO && some.moments[0].sky_temperature.is_none());
         for (text, words) in [
             ("x,y,z\n0,0,1\n", "s.csv:1: there is no column `direct`"),
             ("x,y,z,direct\n0,0,one,5\n", "s.csv:2: `one` of `z` is no number"),
@@ -502,6 +640,34 @@ mod tests {
                 "s.csv:2: the ground's reflectance is 1.5, above 1",
             ),
             ("x,y,z,direct\n", "has no sun"),
+            (
+                "# a day\ntime,x,y,z,direct,sky_temperature (degC)\nnoon,0,0,1,5,10\n",
+                "s.csv:2: column `sky_temperature (degC)` is in degC, and K is needed",
+            ),
+            (
+                "x,y,z,direct (kW/m2)\n0,0,1,5\n",
+                "s.csv:1: column `direct (kW/m2)` is in kW/m2, and W/m2 is needed",
+            ),
+            (
+                "time,x,y,z,direct,sky_temperature\nnoon,0,0,1,5,280\nnight,0,0,1,5,\n",
+                "s.csv:3: `night` has no `sky_temperature`, and other moments have one",
+            ),
+            (
+                "time,x,y,z,direct,Direct (W/m2)\nnoon,0,0,1,5,6\n",
+                "s.csv:1: the columns `direct` and `Direct (W/m2)` are the same",
+            ),
+            (
+                "azimuth,altitude,elevation,direct\n0,0,1,5\n",
+                "s.csv:1: the columns `altitude` and `elevation` are the same",
+            ),
+            (
+                "x,y,z,azimuth (deg),altitude,direct\n0,0,2,90,0,1\n",
+                "s.csv:1: the columns `azimuth (deg)` and `x` both say where the sun stands",
+            ),
+            (
+                "x,y,z,direct,difuse\n0,0,1,5,6\n",
+                "s.csv:1: there is no column `difuse`; did you mean `diffuse`?",
+            ),
             (
                 "x,y,z,direct,albedo\n0,0,1,5,3\n",
                 "s.csv:1: there is `albedo`, and no `half_angle`",
@@ -560,13 +726,34 @@ mod tests {
         let warning = night.turn(|| Ok(Horizon::new(Axis::Z, 0.0))).expect("a horizon");
         assert!(warning.is_some_and(|said| said.starts_with("1 of 2 moments in `s.csv` with direct light from below")));
         assert_eq!([night.moments[0].direct, night.moments[1].direct], [0.0, 700.0]);
-        let both = read("x,y,z,azimuth,altitude,direct\n0,0,2,90,0,1\n");
-        assert_eq!(both.moments[0].direction, DVec3::Z);
         let refused = read("azimuth,altitude,direct\n0,9,1\n").turn(|| bail!("no horizon"));
         assert_eq!(
             format!("{:#}", refused.expect_err("no horizon")),
             "`s.csv` has an azimuth: no horizon"
         );
+    }
+
+    #[test]
+    fn a_column_that_nothing_reads_is_warned_of_once() {
+        let table = "time,x,y,z,altitude,direct,pressure (kPa),name,diffuse,diffuse_2\nnoon,0,0,1,3,5,101,a,7,8\n";
+        let mut suns = Suns::of(table.as_bytes(), "s.csv".as_ref()).expect("a sun");
+        assert_eq!((&*suns.names[0], suns.moments[0].diffuse), ("noon", 7.0));
+        let mut told = || suns.turn(|| bail!("no horizon")).expect("axes");
+        assert_eq!(
+            told().as_deref(),
+            Some("nothing reads `altitude`, `pressure (kPa)`, `diffuse_2` of `s.csv`")
+        );
+        assert_eq!(told(), None);
+    }
+
+    #[test]
+    fn moments_differ_where_both_tables_name_them() {
+        let of = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<String>>();
+        let names = of(&["06:00", "12:00", "18:00"]);
+        assert_eq!(first_difference(&names, &names), None);
+        assert_eq!(first_difference(&names, &of(&["06:00", "18:00", "12:00"])), Some(1));
+        assert_eq!(first_difference(&of(&["sun 0", "", "night"]), &names), Some(2));
+        assert_eq!(first_difference(&of(&["sun 1", "12:00", "18:00"]), &names), Some(0));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! A line is a row; `#` begins a comment. Without a header, a row has the requested columns in their order, separated
 //! by blanks, tabs, commas or semicolons. With a header, columns are found by their names, others are skipped, and rows
-//! use the header's separator.
+//! use the header's separator. A name may have its unit in brackets; another unit than the column's is refused.
 
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -41,6 +41,8 @@ pub(crate) type Located = (Option<u64>, anyhow::Error);
 pub(crate) struct Head<'a> {
     pub(crate) reader: csv::Reader<&'a [u8]>,
     pub(crate) names: Vec<String>,
+    /// The header's line in the file, from 1.
+    pub(crate) line: u64,
 }
 
 /// Reads a header. What ends its first name, a comma, semicolon or tab, separates fields; `#` begins a comment.
@@ -49,8 +51,9 @@ pub(crate) struct Head<'a> {
 /// For text in another encoding.
 pub(crate) fn head(bytes: &[u8]) -> Result<Head<'_>, Located> {
     let bytes = hemicube_scene::text::unmarked(bytes).map_err(|error| (None, anyhow!(error)))?;
-    let head = bytes.split(|&byte| byte == b'\n').find(|line| !line.starts_with(b"#"));
-    let separator = head.and_then(|head| head.iter().copied().find(|byte| b",;\t".contains(byte)));
+    let is_head = |(_, line): &(u64, &[u8])| !line.starts_with(b"#") && !matches!(*line, b"" | b"\r");
+    let head = (1..).zip(bytes.split(|&byte| byte == b'\n')).find(is_head);
+    let separator = head.and_then(|(_, head)| head.iter().copied().find(|byte| b",;\t".contains(byte)));
     let mut reader = csv::ReaderBuilder::new()
         .delimiter(separator.unwrap_or(b','))
         .comment(Some(b'#'))
@@ -58,7 +61,103 @@ pub(crate) fn head(bytes: &[u8]) -> Result<Head<'_>, Located> {
         .from_reader(bytes);
     let names = reader.headers().map_err(|error| told(&error))?;
     let names = names.iter().map(str::to_owned).collect();
-    Ok(Head { reader, names })
+    Ok(Head {
+        reader,
+        names,
+        line: head.map_or(1, |(line, _)| line),
+    })
+}
+
+/// What the numbers of a column are in. A header may say so in brackets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unit {
+    Kelvin,
+    Celsius,
+    Irradiance,
+    Degrees,
+    Percent,
+    Speed,
+    /// A number from 0 to 1.
+    Share,
+    /// A position in the scene's own unit, which a table does not know.
+    Position,
+    /// A part of a vector whose length does not matter.
+    Direction,
+}
+
+impl Unit {
+    /// Spellings, the one for messages first; [`plain`] makes more of them one.
+    fn spellings(self) -> &'static [&'static str] {
+        match self {
+            Self::Kelvin => &["K", "kelvin", "kelvins", "°K", "deg K"],
+            Self::Celsius => &["degC", "°C", "℃", "C", "celsius", "degrees C", "degrees celsius"],
+            Self::Irradiance => &["W/m2", "W m-2", "W/sqm", "watt/m2", "watts/m2"],
+            Self::Degrees => &["deg", "°", "degree", "degrees"],
+            Self::Percent => &["%", "percent", "% RH"],
+            Self::Speed => &["m/s", "m s-1", "m/sec", "mps"],
+            Self::Share => &["a share from 0 to 1", "-", "1", "0-1", "share", "fraction"],
+            Self::Position => &[
+                "the scene's unit",
+                "scene unit",
+                "scene units",
+                "m",
+                "metres",
+                "meters",
+                "-",
+                "1",
+            ],
+            Self::Direction => &[
+                "a length", "m", "metres", "meters", "mm", "cm", "km", "ft", "in", "AU", "-", "1",
+            ],
+        }
+    }
+
+    /// The unit of a column of points or of directions, by its name.
+    fn of_point(name: &str) -> Self {
+        match name {
+            "azimuth" | "altitude" | "elevation" => Self::Degrees,
+            "x" | "y" | "z" => Self::Position,
+            _ => Self::Direction,
+        }
+    }
+
+    /// Requires that a header's field has this unit in brackets, or none.
+    ///
+    /// # Errors
+    /// For another one.
+    pub(crate) fn require(self, field: &str) -> Result<()> {
+        let Some((_, given)) = field.split_once(['(', '[']) else {
+            return Ok(());
+        };
+        let given = given.trim_end().trim_end_matches([')', ']']).trim();
+        let known = self.spellings();
+        if plain(given).is_empty() || known.iter().any(|known| plain(known) == plain(given)) {
+            return Ok(());
+        }
+        let name = match self {
+            Self::Position | Self::Direction | Self::Share => short(field),
+            _ => format!("{} ({})", short(field), known[0]),
+        };
+        bail!(
+            "column `{}` is in {}, and {} is needed; convert its numbers, and name it `{}`",
+            excerpt(field),
+            excerpt(given),
+            known[0],
+            excerpt(&name)
+        )
+    }
+}
+
+/// A unit without what people write differently: `W/m²`, `w/m^2` and `W/m2` are one, and so are `W·m⁻²` and `W m-2`.
+fn plain(unit: &str) -> String {
+    let part = |c: char| match c {
+        '²' => Some('2'),
+        '¹' => Some('1'),
+        '⁻' | '−' => Some('-'),
+        '^' | '.' | '·' | '*' | '_' | '(' | ')' => None,
+        c => (!c.is_whitespace()).then_some(c),
+    };
+    unit.chars().filter_map(part).flat_map(char::to_lowercase).collect()
 }
 
 /// Why a table cannot be read, and the line.
@@ -129,6 +228,7 @@ impl<const N: usize> Header<N> {
                     names.map(|name| format!("`{name}`")).join(", ")
                 ),
             };
+            Unit::of_point(name).require(fields[*place])?;
         }
         Ok(Self {
             separator,
@@ -138,7 +238,7 @@ impl<const N: usize> Header<N> {
     }
 }
 
-/// The name of a column: `x`, `X`, `x (m)` and `x [m]` are one.
+/// The name of a column: `x`, `X`, `x (m)` and `x [m]` are one. [`Unit::require`] looks at the unit.
 pub(crate) fn short(field: &str) -> String {
     let name = field.split(['(', '[']).next().unwrap_or(field);
     name.trim().to_ascii_lowercase()
@@ -443,6 +543,65 @@ mod tests {
     }
 
     #[test]
+    fn a_unit_is_that_of_its_column_however_it_is_written() {
+        use Unit::{Celsius, Degrees, Direction, Irradiance, Kelvin, Percent, Position, Share, Speed};
+        for (unit, fields) in [
+            (Kelvin, &["t", "t (K)", "t [k]", "t (Kelvin)", "t ()"][..]),
+            (Celsius, &["t (degC)", "t (°C)", "t [deg. C]", "t (℃)"]),
+            (
+                Irradiance,
+                &[
+                    "e (W/m2)",
+                    "e (W/m²)",
+                    "e (w/m^2)",
+                    "e [W m-2]",
+                    "e (W·m⁻²)",
+                    "e (W/(m2))",
+                ],
+            ),
+            (Degrees, &["a (deg)", "a (°)", "a (Degrees)"]),
+            (Percent, &["h (%)"]),
+            (Speed, &["w (m/s)", "w (m s^-1)"]),
+            (Share, &["g (-)"]),
+            (Position, &["x", "X (m)", "z [m]", "x (scene units)"]),
+            (Direction, &["nx", "nx (-)", "x (km)"]),
+        ] {
+            for field in fields {
+                assert!(unit.require(field).is_ok(), "{unit:?} {field}");
+            }
+        }
+        for (unit, field, said) in [
+            (Kelvin, "sky (degC)", "column `sky (degC)` is in degC, and K is needed"),
+            (Irradiance, "e (kW/m2)", "is in kW/m2, and W/m2 is needed"),
+            (Irradiance, "e [Wh/m2]", "is in Wh/m2, and W/m2 is needed"),
+            (
+                Irradiance,
+                "albedo (-)",
+                "is in -, and W/m2 is needed; convert its numbers, and name it `albedo (W/m2)`",
+            ),
+            (Degrees, "a (rad)", "is in rad, and deg is needed"),
+            (Share, "g (%)", "is in %, and a share from 0 to 1 is needed"),
+            (
+                Position,
+                "x (mm)",
+                "is in mm, and the scene's unit is needed; convert its numbers, and name it `x`",
+            ),
+            (Direction, "x (deg)", "is in deg, and a length is needed"),
+        ] {
+            let found = unit.require(field).expect_err(field).to_string();
+            assert!(found.contains(said), "{found}");
+        }
+    }
+
+    #[test]
+    fn a_header_after_comments_has_its_line() {
+        let found = head(b"# a\n\r\n# b\nx;y\n1;2\n")
+            .map_err(|(_, error)| error)
+            .expect("a header");
+        assert_eq!((found.line, found.names), (4, vec!["x".to_owned(), "y".to_owned()]));
+    }
+
+    #[test]
     fn the_first_line_tells_which_columns_there_are() {
         for (text, more) in [
             ("1 2 3\n", false),
@@ -471,6 +630,10 @@ mod tests {
             ("1 2 3 0 0 up\n", "`up` is no finite number"),
             ("x,y,z\n1,2,3\n", "Some(1) the header `x,y,z` names no column `nx`"),
             ("x,x,y,z,nx,ny,nz\n", "twice"),
+            (
+                "# millimetres\nx (mm),y (mm),z (mm),nx,ny,nz\n1,2,3,0,0,1\n",
+                "Some(2) column `x (mm)` is in mm, and the scene's unit is needed",
+            ),
             (
                 "x,y,z,nx,ny,nz\n1,2,3,0,0\n",
                 "Some(2) `1,2,3,0,0` has 5 fields where the header has 6",

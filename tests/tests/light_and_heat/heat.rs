@@ -505,3 +505,61 @@ fn light_is_given_by_objects_too() {
     assert_eq!(report["surfaces"]["light"][0]["object"], "floor");
     assert_eq!(report["surfaces"]["light"][1]["reflectance"][0], 0.5);
 }
+
+/// A black floor below an open sky that is 290 K by a schedule of one moment, and by an option.
+#[test]
+fn the_surroundings_of_a_moment_are_those_of_its_balance_and_of_points() {
+    let place = Place::new();
+    place.write(
+        "g.obj",
+        "o ground\nv 0 0 0\nv 100 0 0\nv 100 100 0\nv 0 100 0\nf 1 2 3 4\n",
+    );
+    place.write("m.toml", "[default]\nemissivity = 1\ntemperature = 300\n");
+    place.write("warm.csv", "surface,a\n(surroundings),290\n");
+    place.write("p.csv", "x,y,z\n50,50,1\n");
+    place.line("compute g.obj -o g --up z").is(0);
+    let found = |line: &str, name: &str| {
+        let solved =
+            format!("solve g --thermal --materials m.toml --solution {name} --by object -o {name}.json {line}");
+        place.line(&solved).is(0);
+        let text = std::fs::read_to_string(place.path(format!("{name}.json"))).expect("results");
+        let json: Value = serde_json::from_str(&text).expect("JSON");
+        // A list where there are moments.
+        let balance = json.get(0).unwrap_or(&json)["balance"].clone();
+        let points = format!("points g.obj --up z --points p.csv --as sphere --solution g:{name} -o {name}.csv");
+        place.line(&points).is(0);
+        let felt = std::fs::read_to_string(place.path(format!("{name}.csv"))).expect("points");
+        (balance, felt)
+    };
+    let (by_schedule, felt_by_schedule) = found("--schedule warm.csv", "scheduled");
+    let (by_option, felt_by_option) = found("--sky-temperature 290", "given");
+    let heat = 1e4 * STEFAN_BOLTZMANN * (300f64.powi(4) - 290f64.powi(4));
+    for balance in [&by_schedule, &by_option] {
+        let found = balance["surroundings"].as_f64().expect("a heat");
+        assert!((found - heat).abs() < 1e-6 * heat, "{balance}");
+    }
+    assert_eq!(felt_by_schedule, felt_by_option);
+}
+
+#[test]
+fn a_solution_stays_where_the_next_one_is_refused() {
+    let place = room();
+    place.write("m.toml", "[default]\nemissivity = 0.9\ntemperature = 293\n");
+    place.write(
+        "bad.toml",
+        "[default]\nemissivity = 0.9\ntemperature = 293\n[object.floor]\nheat = -1e6\n",
+    );
+    let folder = place.path("room/solutions");
+    place.line("solve room --thermal --materials bad.toml").is(2);
+    assert!(!folder.exists(), "nothing is left of a solution that is none");
+    place.line("solve room --thermal --materials m.toml").is(0);
+    let before = std::fs::read(folder.join("thermal/solution.json")).expect("a report");
+    place
+        .line("solve room --thermal --materials bad.toml")
+        .is(2)
+        .says(&["cannot be"]);
+    assert_eq!(
+        std::fs::read(folder.join("thermal/solution.json")).expect("a report"),
+        before
+    );
+}

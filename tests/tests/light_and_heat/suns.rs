@@ -177,6 +177,80 @@ fn tables_that_do_not_fit_are_refused_with_the_next_step() {
     }
 }
 
+/// Tables of moments are taken line by line: what would pair other moments, or read numbers in another unit, ends.
+#[test]
+fn tables_of_other_moments_or_units_are_refused() {
+    let place = Place::new();
+    place.write("shaded.obj", shaded());
+    place.write(
+        "m.toml",
+        "bands = [\"all\"]\n[default]\nreflectance = 0.5\nemissivity = 0.8\nabsorptance = 0.5\nadiabatic = \
+         true\n[object.plate]\ntemperature = 300\n",
+    );
+    place.write("points.txt", "1.5 1.5 0.4\n");
+    place.write("millimetres.txt", "x (mm),y (mm),z (mm)\n1500,1500,400\n");
+    place.write("load.csv", "surface,06:00,12:00\nunder,0,500\n");
+    place.write("one.csv", "surface,noon\nunder,500\n");
+    place.write("hours.csv", "surface,12:00,06:00\nfloor,310,300\n");
+    let suns = |name: &str, moments: [&str; 2], head: &str, ends: [&str; 2]| {
+        let line = |at: usize| format!("{},0,0,1,{},100{}\n", moments[at], 400 * at, ends[at]);
+        place.write(name, format!("time,x,y,z,direct,diffuse{head}\n{}{}", line(0), line(1)));
+    };
+    suns("day.csv", ["06:00", "12:00"], "", ["", ""]);
+    suns("turned.csv", ["12:00", "06:00"], "", ["", ""]);
+    suns(
+        "celsius.csv",
+        ["06:00", "12:00"],
+        ",sky_temperature (degC)",
+        [",5", ",10"],
+    );
+    suns("gap.csv", ["06:00", "12:00"], ",sky_temperature", [",280", ","]);
+    suns("twice.csv", ["06:00", "12:00"], ",direct", [",5", ",10"]);
+    suns("more.csv", ["06:00", "12:00"], ",pressure (kPa)", [",101", ",101"]);
+    place.line("compute shaded.obj -o f").is(0);
+    let heat = "solve f --thermal --materials m.toml --sky-temperature 280";
+    let lit = "points shaded.obj --up z --points points.txt --as sphere --solution f:radiosity";
+    place.line("solve f --materials m.toml --suns day.csv").is(0);
+    for (line, said) in [
+        (
+            format!("{heat} --load load.csv --schedule hours.csv"),
+            "moment 1 is `06:00` in `load.csv` and `12:00` in `hours.csv`",
+        ),
+        (
+            format!("{heat} --schedule hours.csv --suns day.csv"),
+            "moment 1 is `12:00` in `hours.csv` and `06:00` in `day.csv`",
+        ),
+        (
+            format!("{lit} --suns turned.csv"),
+            "moment 1 is `12:00` in `turned.csv` and `06:00` in the solution of light in `f`",
+        ),
+        (
+            format!("{heat} --suns celsius.csv"),
+            "celsius.csv:1: column `sky_temperature (degC)` is in degC, and K is needed",
+        ),
+        (
+            format!("{heat} --suns gap.csv"),
+            "gap.csv:3: `12:00` has no `sky_temperature`, and other moments have one",
+        ),
+        (
+            format!("{heat} --suns twice.csv"),
+            "twice.csv:1: the columns `direct` and `direct` are the same",
+        ),
+        (
+            "points shaded.obj --up z --points millimetres.txt --as sphere".to_owned(),
+            "millimetres.txt:1: column `x (mm)` is in mm, and the scene's unit is needed",
+        ),
+    ] {
+        place.line(&line).is(2).says(&[said]);
+    }
+    // The same moments, or a single one, which holds for all; and what nothing reads is said.
+    place.line(&format!("{lit} --suns day.csv")).is(0);
+    place
+        .line(&format!("{heat} --load one.csv --suns more.csv"))
+        .is(0)
+        .says(&["nothing reads `pressure (kPa)` of `more.csv`"]);
+}
+
 /// Sun straight above and an even sky: a floor that reflects half, and the plate's shadow on it.
 #[test]
 fn suns_and_sky_light_and_heat_patches_with_reflections() {
@@ -390,6 +464,10 @@ fn a_weather_file_lights_lawn_and_wall_by_its_sun_and_sky() {
     };
     let day = suns("overcast");
     assert_eq!(day.len(), 24);
+    place
+        .line("suns year.epw --times 06-21 --times 02-29")
+        .is(2)
+        .says(&["`year.epw` has no day of `02-29`: its days go from 01-01 to 12-31"]);
     // At noon the sun stands in the south, 60.9° high on this day at 52.5° N.
     let number = |row: &[String], at: usize| row[at].parse::<f64>().expect("a number");
     let noon = &day[11];

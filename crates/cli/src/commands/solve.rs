@@ -238,6 +238,9 @@ enum Surfaces {
     Heat {
         materials: Vec<heat::Recorded>,
         ambient: f64,
+        /// Of each moment, where tables give it.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        ambients: Vec<f64>,
         #[serde(skip_serializing_if = "Option::is_none")]
         ground: Option<f64>,
     },

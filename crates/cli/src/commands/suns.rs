@@ -183,12 +183,16 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
 
 /// The hours of a weather file, all or of some days.
 fn of_weather(path: &Path, days: &[String], talk: Talk) -> Result<Vec<Line>> {
-    let days: Vec<Days> = days.iter().map(|text| text.parse()).collect::<Result<_>>()?;
+    let asked: Vec<(&String, Days)> = days
+        .iter()
+        .map(|text| text.parse::<Days>().map(|days| (text, days)))
+        .collect::<Result<_>>()?;
     let epw = Epw::read(path).map_err(|error| match error {
         epw::Error::Line { line, problem } => anyhow!("{}:{line}: {problem}", path.display()),
         epw::Error::TooLarge => anyhow!("`{}`: {error}", path.display()),
         error => anyhow::Error::new(error),
     })?;
+    require_days(path, &epw.hours, &asked)?;
     if let Some(late) = from_noon(&epw).filter(|late| late.abs() > OFF_NOON) {
         talk.warn(&format!(
             "the year's light of `{}` is centred {:.2} h {} the sun's noon: its hours may not be those that end at their \
@@ -201,7 +205,7 @@ fn of_weather(path: &Path, days: &[String], talk: Talk) -> Result<Vec<Line>> {
     let (mut lines, mut lost) = (Vec::new(), (0u64, 0.0));
     let mut unknown = 0u64;
     for hour in &epw.hours {
-        if !(days.is_empty() || days.iter().any(|days| days.holds(hour))) {
+        if !(asked.is_empty() || asked.iter().any(|(_, days)| days.holds(hour))) {
             continue;
         }
         let time = hour.middle(&epw.location)?;
@@ -261,6 +265,27 @@ fn of_weather(path: &Path, days: &[String], talk: Talk) -> Result<Vec<Line>> {
         ));
     }
     Ok(lines)
+}
+
+/// Requires that a file has an hour of each of the days asked for.
+fn require_days(path: &Path, hours: &[Hour], asked: &[(&String, Days)]) -> Result<()> {
+    let lacks = |days: Days| !hours.iter().any(|hour| days.holds(hour));
+    let (Some((text, _)), Some(first), Some(last)) =
+        (asked.iter().find(|(_, days)| lacks(*days)), hours.first(), hours.last())
+    else {
+        return Ok(());
+    };
+    Err(hinted(
+        anyhow!(
+            "`{}` has no day of `{text}`: its days go from {:02}-{:02} to {:02}-{:02}",
+            path.display(),
+            first.month,
+            first.day,
+            last.month,
+            last.day
+        ),
+        "give days of the file by `--times`; 02-29 is in files of a leap year alone",
+    ))
 }
 
 /// Hours from the sun's mean noon to the middle of all light of a file; `None` without light.
@@ -341,6 +366,30 @@ mod tests {
         for text in ["6-21", "06-31", "2026-06-21", "06-21/", "06", "13-01"] {
             assert!(read(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn days_that_a_file_lacks_are_refused() {
+        // Twelve months of 28 days, the last one again.
+        let mut text = String::from("LOCATION,a,b,c,d,1,52,15,1,30\nDATA PERIODS,1,1,Data,Sunday,1/1,12/31\n");
+        for day in 0..365u32 {
+            for hour in 1..=24u32 {
+                let (month, day) = ((1 + day / 28).min(12), 1 + day % 28);
+                let _ = writeln!(
+                    text,
+                    "2023,{month},{day},{hour},0,-,10,5,50,101325,0,0,300,0,0,0,0,0,0,0,0,3"
+                );
+            }
+        }
+        let hours = Epw::parse(text.as_bytes()).expect("a file").hours;
+        let of = |text: &str| {
+            let text = text.to_owned();
+            let days = text.parse::<Days>().expect("days");
+            require_days("y.epw".as_ref(), &hours, &[(&text, days)]).map_err(|error| error.to_string())
+        };
+        assert!(of("02-28/03-01").is_ok() && of("02-29/03-01").is_ok());
+        let said = "`y.epw` has no day of `02-29`: its days go from 01-01 to 12-01";
+        assert_eq!(of("02-29"), Err(said.to_owned()));
     }
 
     #[test]

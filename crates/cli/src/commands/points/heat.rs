@@ -117,7 +117,8 @@ impl Heat {
     /// Of a right-hand side of a solution of heat; where patches are several triangles, each has its patch's radiosity.
     pub(super) fn new(arguments: &Arguments, solution: &StoredSolution, prepared: &Prepared, row: u64) -> Result<Self> {
         let heat = &solution.report()["surfaces"]["heat"];
-        let ambient = heat["ambient"].as_f64();
+        let of_moment = usize::try_from(row).ok().and_then(|row| heat["ambients"][row].as_f64());
+        let ambient = of_moment.or_else(|| heat["ambient"].as_f64());
         let of = |given: Option<f64>, what: &str| {
             given.or(ambient).with_context(|| {
                 format!("the solution does not say what lay outside; `--{what}-temperature KELVIN` does")

@@ -22,7 +22,7 @@ use crate::exit::hinted;
 use crate::forecast;
 use crate::prepare::Prepared;
 use crate::report::{PendingFile, count, counted};
-use crate::suns::Suns;
+use crate::suns::{Suns, first_difference};
 use crate::table::field;
 use anyhow::{Context, Result, anyhow, bail};
 use glam::DVec3;
@@ -97,7 +97,7 @@ impl Hours {
     /// The moments of a table with the solutions given for them.
     ///
     /// # Errors
-    /// When a solution has another number of moments, two are of one kind, or the body has no radiant temperature.
+    /// When a solution has other moments, two are of one kind, or the body has no radiant temperature.
     pub(super) fn new(
         arguments: &Arguments,
         suns: Suns,
@@ -140,6 +140,9 @@ impl Hours {
                     ),
                     hint,
                 ));
+            }
+            if !(is_of_heat && rows == 1) {
+                require_same_moments(&suns, store, solution)?;
             }
             // The radiosities of each right-hand side, by triangle.
             let bytes = 8 * radiosity.rows() * prepared.patches.len() as u64;
@@ -528,6 +531,39 @@ impl Hours {
         let mean = |row: &[Felt]| row.iter().map(|felt| felt.radiant).sum::<f64>() / row.len() as f64;
         (!self.heats.is_empty()).then(|| felt.chunks(self.suns.len()).map(mean).collect())
     }
+}
+
+/// Requires that a solution has the moments of a table of suns in its order, where both name them.
+fn require_same_moments(suns: &Suns, store: &Store, solution: &StoredSolution) -> Result<()> {
+    let named = solution.report()["moments"].as_array();
+    let names: Vec<String> = named
+        .into_iter()
+        .flatten()
+        .map(|name| name.as_str().unwrap_or_default().to_owned())
+        .collect();
+    // A solution by a `.npy` numbers its moments.
+    if names.iter().enumerate().all(|(at, name)| *name == at.to_string()) {
+        return Ok(());
+    }
+    let Some(at) = first_difference(&suns.names, &names) else {
+        return Ok(());
+    };
+    let what = solution.report()["quantity"].as_str().unwrap_or_default();
+    Err(hinted(
+        anyhow!(
+            "moment {} is `{}` in `{}` and `{}` in the solution of {what} in `{}`",
+            at + 1,
+            suns.names[at],
+            suns.path.display(),
+            names[at],
+            store.directory().display()
+        ),
+        format!(
+            "`hemicube solve {} --suns {}` makes a solution of these moments",
+            crate::shell::word(store.directory()),
+            crate::shell::word(&suns.path)
+        ),
+    ))
 }
 
 /// Radiances of the skies, and rays to them.

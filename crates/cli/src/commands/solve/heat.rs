@@ -363,6 +363,7 @@ impl Exchange {
                 cold.push(format!("{} K of `{name}`", given.kelvin()));
             }
         }
+        cold.extend(self.moments.cold());
         if let Some(question) = question_of_cold(&cold) {
             talk.warn(&question);
         }
@@ -393,8 +394,18 @@ impl Exchange {
         Surfaces::Heat {
             materials: self.thermal.iter().map(Recorded::of).collect(),
             ambient: self.surroundings.ambient,
+            ambients: self.ambients(),
             ground: self.surroundings.ground.as_ref().map(|(kelvin, _)| *kelvin),
         }
+    }
+
+    /// The temperature of what lies above at each moment, in kelvin, where tables give it.
+    fn ambients(&self) -> Vec<f64> {
+        if !self.moments.has_surroundings() {
+            return Vec::new();
+        }
+        let of = |moment| self.moments.ambient(moment, self.surroundings.ambient);
+        (0..self.moments.len()).map(of).collect()
     }
 
     /// The surface of a patch, in words.
@@ -560,9 +571,14 @@ impl Exchange {
                 if is_open { f64::NAN } else { kelvin }
             })
             .collect();
-        let outside = self.heat.outside.as_deref();
+        // Of this moment, whose surroundings may be others than those of the scene.
+        let outside: Option<Vec<f64>> = found
+            .problem
+            .outside
+            .as_ref()
+            .map(|outside| outside.column(0).collect());
         let of = self.tables(table, rows);
-        let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside, &temperature);
+        let (surfaces, balance) = heat_by_surface(of, by.group(), &found.solution, outside.as_deref(), &temperature);
         let residual = found.solution.residuals.iter().copied().fold(0.0, f64::max);
         Results::new(by, self.reading, surfaces, balance, enclosures)
             .with_residual(residual)

@@ -8,11 +8,12 @@
 //!
 //! The first field says what a line is: `patch`, by its number; `surface` (or `object`, `material`, `name`), by the name
 //! or pattern of an object or, where no object has it, of a material; `time` (or `moment`, `hour`), and then surfaces are
-//! columns. A `.npy` has a row a moment and a number a patch.
+//! columns. A `.npy` has a row a moment and a number a patch. Several tables have the same moments in the same order; a
+//! single moment holds for all.
 
 use crate::exit::hinted;
 use crate::report::counted;
-use crate::suns::{Moment, Suns};
+use crate::suns::{Moment, Suns, first_difference};
 use crate::table::{Head, Located, head, told};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::solve::{ArrayFile, Block, Heat, STEFAN_BOLTZMANN, SolveError, Temperature};
@@ -118,6 +119,10 @@ impl Moments {
             );
         }
         let names = names.to_vec();
+        let with_names = loads.iter().chain(&temperatures).filter(|table| !table.is_array());
+        let mut named: Vec<(&Path, &[String])> = with_names.map(|table| (&*table.path, &*table.names)).collect();
+        named.extend(suns.map(|suns| (&*suns.path, &*suns.names)));
+        require_same_moments(&named)?;
         Ok(Self {
             loads,
             temperatures,
@@ -133,7 +138,7 @@ impl Moments {
         self.absorbed = absorbed;
     }
 
-    /// Takes the temperatures of the sky from a table of suns that has one at each moment.
+    /// Takes the temperatures of the sky from a table of suns that has them: a table has one at each moment, or none.
     pub(super) fn take_skies(&mut self, suns: &Suns) {
         let skies = suns.moments.iter().map(|moment| moment.sky_temperature);
         self.skies = skies.collect::<Option<_>>().unwrap_or_default();
@@ -161,20 +166,37 @@ impl Moments {
         &self.names
     }
 
+    /// The temperature of what lies above, in kelvin, at a moment: that of the schedule, else of the suns' table, else
+    /// `otherwise`.
+    pub(super) fn ambient(&self, moment: usize, otherwise: f64) -> f64 {
+        let place = if self.skies.len() == 1 { 0 } else { moment };
+        let scheduled = self.temperatures.as_ref().and_then(|table| table.outside(moment));
+        scheduled
+            .or_else(|| self.skies.get(place).copied())
+            .unwrap_or(otherwise)
+    }
+
+    /// Temperatures of tables below [`Temperature::COLD`], in kelvin, with what they are of: perhaps degrees Celsius.
+    pub(super) fn cold(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        if let Some(table) = &self.temperatures
+            && let Values::Lines { lines, outside, .. } = &table.values
+        {
+            let all = lines.iter().flatten().chain(outside.iter().flatten());
+            found.extend(coldest(all).map(|kelvin| format!("{kelvin} K of `{}`", table.path.display())));
+        }
+        found.extend(coldest(self.skies.iter()).map(|kelvin| format!("{kelvin} K of `sky_temperature`")));
+        found
+    }
+
     /// The exchange at the temperatures of a moment.
     pub(super) fn at(&self, moment: usize, heat: &Heat, surroundings: &Surroundings) -> Result<Heat> {
         let mut found = heat.clone();
-        let mut sky = surroundings.ambient;
-        let place = if self.skies.len() == 1 { 0 } else { moment };
-        if let Some(&kelvin) = self.skies.get(place) {
-            sky = kelvin;
+        let sky = self.ambient(moment, surroundings.ambient);
+        if self.has_surroundings() {
             surroundings.surround(&mut found, sky);
         }
         if let Some(table) = &self.temperatures {
-            if let Some(kelvin) = table.outside(moment) {
-                sky = kelvin;
-                surroundings.surround(&mut found, sky);
-            }
             found = found
                 .with_temperatures(&table.of(moment, f64::NAN)?)
                 .map_err(|error| table.told(error))?;
@@ -207,6 +229,14 @@ impl Moments {
         let is_scheduled = |table: &Table| table.outside(0).is_some();
         !self.skies.is_empty() || self.temperatures.as_ref().is_some_and(is_scheduled)
     }
+}
+
+/// The lowest temperature above 0 K and below [`Temperature::COLD`].
+fn coldest<'a>(kelvins: impl Iterator<Item = &'a f64>) -> Option<f64> {
+    let cold = kelvins
+        .copied()
+        .filter(|&kelvin| kelvin > 0.0 && kelvin < Temperature::COLD);
+    cold.min_by(f64::total_cmp)
 }
 
 /// What lies outside a scene.
@@ -271,6 +301,11 @@ impl Table {
         })
     }
 
+    /// True for an array, whose moments have numbers in place of names.
+    fn is_array(&self) -> bool {
+        matches!(self.values, Values::Array(_))
+    }
+
     /// The place of a moment: a single one holds for all.
     fn place(&self, moment: usize) -> usize {
         if self.names.len() == 1 { 0 } else { moment }
@@ -300,6 +335,31 @@ impl Table {
     }
 }
 
+/// Requires that tables of several moments, which each name theirs, name the same in the same order.
+fn require_same_moments(tables: &[(&Path, &[String])]) -> Result<()> {
+    for (at, (path, names)) in tables.iter().enumerate() {
+        for (other, of_other) in &tables[..at] {
+            if names.len() == 1 || of_other.len() == 1 {
+                continue;
+            }
+            if let Some(moment) = first_difference(of_other, names) {
+                return Err(hinted(
+                    anyhow!(
+                        "moment {} is `{}` in `{}` and `{}` in `{}`",
+                        moment + 1,
+                        of_other[moment],
+                        other.display(),
+                        names[moment],
+                        path.display()
+                    ),
+                    "moments are taken in the order of each table: order both alike, with the same names",
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// What the lines of a table are, when surfaces are its lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lines {
@@ -320,6 +380,7 @@ impl Cells {
         let Head {
             mut reader,
             names: header,
+            line: first_line,
         } = head(bytes)?;
         let first = header
             .first()
@@ -330,7 +391,7 @@ impl Cells {
             "time" | "moment" | "hour" => (Lines::Surfaces, true),
             other => {
                 return Err((
-                    Some(1),
+                    Some(first_line),
                     anyhow!("begins with `{other}`, where `patch`, `surface` or `time` says what a line is"),
                 ));
             }
@@ -452,6 +513,19 @@ mod tests {
         assert_eq!(
             (patches.lines_are, patches.moments),
             (Lines::Patches, vec!["noon".to_owned()])
+        );
+    }
+
+    #[test]
+    fn tables_of_several_moments_have_the_same_in_the_same_order() {
+        let of = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<String>>();
+        let (day, turned, one) = (of(&["06:00", "12:00"]), of(&["12:00", "06:00"]), of(&["noon"]));
+        let [a, b, c] = ["a.csv", "b.csv", "c.csv"].map(Path::new);
+        assert!(require_same_moments(&[(a, &day), (b, &one), (c, &day)]).is_ok());
+        let error = require_same_moments(&[(a, &day), (b, &one), (c, &turned)]).expect_err("another order");
+        assert_eq!(
+            error.to_string(),
+            "moment 1 is `06:00` in `a.csv` and `12:00` in `c.csv`"
         );
     }
 
