@@ -138,6 +138,10 @@ pub fn export_for(
     let needs = writer.needs();
     let grouping = options.grouping.unwrap_or(needs.grouping);
     let faces = Faces::new(store, format.program(), grouping, options.order, options.write.cancel)?;
+    if let Some(version) = options.version.filter(|version| !is_version(version)) {
+        let reason = format!("`{version}` is no version");
+        return Err(faces.unfit(reason, "give numbers with points between them: `2.21`"));
+    }
     let paths = writer.paths(&faces, path)?;
     // Created first: an unwritable place is the better thing to be told than a matrix that does not fit.
     let mut files: Vec<Cancellable<'_>> = Vec::with_capacity(paths.len());
@@ -177,4 +181,25 @@ pub fn export_for(
         rows: faces.len() as u64,
         found,
     })
+}
+
+/// Returns whether a text is numbers with points between them, as versions are.
+fn is_version(text: &str) -> bool {
+    let is_number = |part: &str| (1..=9).contains(&part.len()) && part.bytes().all(|byte| byte.is_ascii_digit());
+    text.len() < 40 && text.split('.').all(is_number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_version;
+
+    #[test]
+    fn versions_are_numbers_with_points_between_them() {
+        for version in ["2", "2.21", "22.1.0"] {
+            assert!(is_version(version), "{version}");
+        }
+        for other in ["", "abc", "2.", ".2", "2.21; x", "2..1", "-2", &"1.".repeat(40)] {
+            assert!(!is_version(other), "{other}");
+        }
+    }
 }

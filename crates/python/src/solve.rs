@@ -565,6 +565,14 @@ where
     let table = &tables[0];
     let shown = |patch: usize| format!("patch {patch}");
     require_shares(table, "emissivity", shown, |patch| emissivity[patch]).map_err(|error| errors::solving(&error))?;
+    // Rounding is no opening; what escapes may not be known.
+    let is_open = table.escaped.iter().any(|&share| share.is_nan() || share > 1e-6);
+    let is_held = |side: usize| (0..count).any(|patch| emissivity[patch] > 0.0 && !of(patch, side).is_nan());
+    if !is_open && !(0..columns).all(is_held) {
+        return Err(errors::input(
+            "nothing determines the temperatures: in a closed scene a patch needs one, and an emissivity above 0",
+        ));
+    }
     let escaped = |patch: usize| Some(table.escaped[patch]).filter(|share| !share.is_nan());
     let problem = Problem {
         // Patches adiabatic at some right-hand sides only have a reflectance a side.

@@ -265,6 +265,14 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     }
     let conservation: Vec<f64> = (0..bands.len()).map(|band| exchange.conservation(band)).collect();
     let is_conserved = conservation.iter().all(|off| *off <= CONSERVED);
+    if !is_conserved {
+        let off = conservation.iter().copied().fold(0.0, f64::max);
+        talk.warn(&format!(
+            "Gebhart factors add up to 1 within {} only: what is absorbed nowhere is exchanged with nothing; a surface of \
+             each enclosure needs an emissivity above 0",
+            figures(off)
+        ));
+    }
     if let Some(json) = json {
         let sizes = enclosures.patches().into_iter().map(|surfaces| surfaces.len());
         json.write(&Report {

@@ -92,6 +92,7 @@ fn order(path: &Path) -> Result<Vec<String>> {
         ));
     }
     let text = std::fs::read_to_string(path).with_context(failed)?;
+    let text = text.trim_start_matches('\u{feff}');
     Ok(text.lines().map(|line| line.trim().to_owned()).collect())
 }
 
