@@ -191,7 +191,7 @@ fn sums_beside_thin_posts_are_off_by_no_more_than_their_standard_errors_say() {
     let bearing = |patch: &u32| {
         let [a, b, c] = model.patches().corners(InputPatch(*patch));
         let centre = (a + b + c) / 3.0;
-        centre.z == 0.0 && [centre.x, centre.y].iter().all(|&at| at as u32 % 2 == 0)
+        centre.z == 0.0 && [centre.x, centre.y].iter().all(|&at| at.floor() % 2.0 == 0.0)
     };
     let rows: Vec<_> = (0..2 * CELLS * CELLS).filter(bearing).map(InputPatch).collect();
     assert_eq!(rows.len(), 72);

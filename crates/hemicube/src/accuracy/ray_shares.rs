@@ -602,7 +602,7 @@ mod tests {
         let p = DVec3::new;
         let mut roof = vec![([p(-9., 0.3, 1.), p(0., -9., 1.), p(9., 0.2, 1.)], true)];
         let squared = |scene: &mut Vec<_>| -> (f64, f64) {
-            let first = scene.len() as u32;
+            let first = u32::try_from(scene.len()).expect("few triangles");
             for k in 0..24 {
                 let at = p(f64::from(k % 6) - 2.5, f64::from(k / 6) - 1.5, 0.);
                 scene.push(([at, at + DVec3::X * 0.5, at + DVec3::Y * 0.5], false));
