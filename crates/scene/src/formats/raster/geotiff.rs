@@ -153,28 +153,28 @@ impl Scaling {
         let Some(text) = image.find_tag(Tag::Unknown(GDAL_METADATA)).map_err(wrong)? else {
             return Ok(found);
         };
-        let text = text.into_string().map_err(wrong)?;
-        let document = parse_xml(text.trim_end_matches('\0'))?;
+        // Metadata of other programs may be in any form, and is none of the heights'.
+        let Ok(text) = text.into_string() else {
+            return Ok(found);
+        };
+        let Ok(document) = parse_xml(text.trim_end_matches('\0')) else {
+            return Ok(found);
+        };
         for item in document.descendants().filter(|node| node.has_tag_name("Item")) {
-            let role = item.attribute("role").unwrap_or_default();
-            if role != "scale" && role != "offset" {
-                continue;
-            }
             let band = item.attribute("sample").unwrap_or("0").parse::<usize>().ok();
-            let number = item.text().and_then(|text| text.trim().parse::<f64>().ok());
-            let (Some(band), Some(number)) = (
-                band.and_then(|band| found.get_mut(band)),
-                number.filter(|number| number.is_finite()),
-            ) else {
-                return Err(Error::malformed(format!(
-                    "has a {role} of a band that is no number or of no band"
-                )));
+            let Some(band) = band.and_then(|band| found.get_mut(band)) else {
+                continue;
             };
-            *(if role == "scale" {
-                &mut band.scale
-            } else {
-                &mut band.offset
-            }) = number;
+            let number = item.text().and_then(|text| text.trim().parse::<f64>().ok());
+            match (item.attribute("role"), number.filter(|number| number.is_finite())) {
+                (Some("scale"), Some(scale)) if scale != 0.0 => band.scale = scale,
+                (Some("offset"), Some(offset)) => band.offset = offset,
+                (Some("scale"), _) => {
+                    return Err(Error::malformed("has a scale of its heights that is 0 or no number"));
+                }
+                (Some("offset"), _) => return Err(Error::malformed("has an offset of its heights that is no number")),
+                _ => {}
+            }
         }
         Ok(found)
     }

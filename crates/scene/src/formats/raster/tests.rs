@@ -267,7 +267,19 @@ fn a_geotiff_has_its_scale_and_offset_and_no_mask() {
         .map(|corner| corner.z);
     assert_eq!(highest.fold(0.0, f64::max), 15.0);
     let error = read(&scaled(&items("tall"), false)).expect_err("no number");
-    assert!(error.to_string().contains("a scale of a band"), "{error}");
+    assert!(error.to_string().contains("a scale of its heights"), "{error}");
+    let error = read(&scaled(&items("0"), false)).expect_err("flat");
+    assert!(error.to_string().contains("a scale of its heights"), "{error}");
+    // What says nothing of this band, or is no XML, changes nothing.
+    for other in ["salt & pepper", &items("2").replace("sample=\"0\"", "sample=\"1\"")] {
+        let scene = read(&scaled(other, false)).expect("a scene");
+        let highest = scene
+            .triangles
+            .iter()
+            .flat_map(|triangle| triangle.corners)
+            .map(|corner| corner.z);
+        assert_eq!(highest.fold(0.0, f64::max), 100.0, "{other}");
+    }
     let error = read(&scaled(&items("0.1"), true)).expect_err("a mask");
     assert!(error.to_string().contains("has a mask of its cells"), "{error}");
 }
