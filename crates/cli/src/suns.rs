@@ -192,9 +192,9 @@ const NAMES: [&str; 4] = ["time", "moment", "hour", "name"];
 
 /// Columns of numbers, and what they are in.
 const NUMBERS: [(&str, Unit); 20] = [
-    ("x", Unit::Direction),
-    ("y", Unit::Direction),
-    ("z", Unit::Direction),
+    ("x", Unit::Length),
+    ("y", Unit::Length),
+    ("z", Unit::Length),
     ("azimuth", Unit::Degrees),
     ("altitude", Unit::Degrees),
     ("elevation", Unit::Degrees),
@@ -206,9 +206,9 @@ const NUMBERS: [(&str, Unit); 20] = [
     ("air_temperature", Unit::Celsius),
     ("humidity", Unit::Percent),
     ("wind", Unit::Speed),
-    ("planet_x", Unit::Direction),
-    ("planet_y", Unit::Direction),
-    ("planet_z", Unit::Direction),
+    ("planet_x", Unit::Length),
+    ("planet_y", Unit::Length),
+    ("planet_z", Unit::Length),
     ("half_angle", Unit::Degrees),
     ("albedo", Unit::Irradiance),
     ("infrared", Unit::Irradiance),
@@ -259,7 +259,11 @@ fn require_spelt(unread: &[String], shorts: &[String]) -> Result<()> {
     let has = |known: &str| shorts.iter().any(|name| name == known);
     let has_names = NAMES.into_iter().any(has);
     let names = NAMES.into_iter().filter(|_| !has_names);
-    let known = NUMBERS.iter().map(|(name, _)| *name).chain(names);
+    // The sun's direction is by angles or by axes.
+    let is_angle = |name: &str| name == "azimuth" || ALTITUDE.contains(&name);
+    let has_angles = has("x") || ALTITUDE.into_iter().any(has);
+    let numbers = NUMBERS.iter().map(|(name, _)| *name);
+    let known = numbers.filter(|name| !(has_angles && is_angle(name))).chain(names);
     let lacking: Vec<&str> = known.filter(|name| name.len() >= LETTERS && !has(name)).collect();
     for name in unread {
         let given = short(name);
@@ -318,7 +322,7 @@ impl Suns {
                 )
             })
         };
-        let angles = match column(&["azimuth"]).filter(|_| column(&["x"]).is_none()) {
+        let angles = match column(&["azimuth"]) {
             None => None,
             Some(azimuth) => Some([azimuth, column(&ALTITUDE).map_or_else(|| needed("altitude"), Ok)?]),
         };

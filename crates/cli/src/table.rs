@@ -79,71 +79,60 @@ pub(crate) enum Unit {
     Speed,
     /// A number from 0 to 1.
     Share,
-    /// A position in the scene's own unit, which a table does not know.
-    Position,
-    /// A part of a vector whose length does not matter.
-    Direction,
+    /// A length in a unit that a table does not know, or whose length does not matter.
+    Length,
 }
 
 impl Unit {
-    /// Spellings, the one for messages first; [`plain`] makes more of them one.
-    fn spellings(self) -> &'static [&'static str] {
+    /// What is needed, in words.
+    fn needed(self) -> &'static str {
         match self {
-            Self::Kelvin => &["K", "kelvin", "kelvins", "°K", "deg K"],
-            Self::Celsius => &["degC", "°C", "℃", "C", "celsius", "degrees C", "degrees celsius"],
-            Self::Irradiance => &["W/m2", "W m-2", "W/sqm", "watt/m2", "watts/m2"],
-            Self::Degrees => &["deg", "°", "degree", "degrees"],
-            Self::Percent => &["%", "percent", "% RH"],
-            Self::Speed => &["m/s", "m s-1", "m/sec", "mps"],
-            Self::Share => &["a share from 0 to 1", "-", "1", "0-1", "share", "fraction"],
-            Self::Position => &[
-                "the scene's unit",
-                "scene unit",
-                "scene units",
-                "m",
-                "metres",
-                "meters",
-                "-",
-                "1",
-            ],
-            Self::Direction => &[
-                "a length", "m", "metres", "meters", "mm", "cm", "km", "ft", "in", "AU", "-", "1",
-            ],
+            Self::Kelvin => "K",
+            Self::Celsius => "degC",
+            Self::Irradiance => "W/m2",
+            Self::Degrees => "deg",
+            Self::Percent => "%",
+            Self::Speed => "m/s",
+            Self::Share => "a share from 0 to 1",
+            Self::Length => "a length",
         }
     }
 
-    /// The unit of a column of points or of directions, by its name.
-    fn of_point(name: &str) -> Self {
-        match name {
-            "azimuth" | "altitude" | "elevation" => Self::Degrees,
-            "x" | "y" | "z" => Self::Position,
-            _ => Self::Direction,
+    /// Units that such a column may be in elsewhere; [`plain`] makes more spellings of them one. Other words in brackets
+    /// are remarks: `(normal)`, `(10 m)`.
+    fn others(self) -> &'static [&'static str] {
+        match self {
+            Self::Kelvin => &["degC", "°C", "℃", "C", "celsius", "degrees celsius", "degF", "°F", "F"],
+            Self::Celsius => &["K", "kelvin", "degF", "°F", "F", "fahrenheit"],
+            Self::Irradiance => &[
+                "kW/m2", "kWh/m2", "Wh/m2", "J/m2", "kJ/m2", "MJ/m2", "mW/cm2", "lux", "lx", "klx",
+            ],
+            Self::Degrees => &["rad", "radian", "radians", "gon", "grad"],
+            Self::Percent => &["0-1", "fraction", "kg/kg", "g/kg"],
+            Self::Speed => &["km/h", "kmh", "kph", "mph", "kn", "kt", "knot", "knots", "ft/s"],
+            Self::Share => &["%", "percent"],
+            Self::Length => &[],
         }
     }
 
-    /// Requires that a header's field has this unit in brackets, or none.
+    /// Requires that a header's field names no other unit in brackets.
     ///
     /// # Errors
-    /// For another one.
+    /// For one that does.
     pub(crate) fn require(self, field: &str) -> Result<()> {
-        let Some((_, given)) = field.split_once(['(', '[']) else {
+        let Some((_, rest)) = field.split_once(['(', '[']) else {
             return Ok(());
         };
-        let given = given.trim_end().trim_end_matches([')', ']']).trim();
-        let known = self.spellings();
-        if plain(given).is_empty() || known.iter().any(|known| plain(known) == plain(given)) {
+        let given = rest.split([')', ']']).next().unwrap_or_default().trim();
+        if !self.others().iter().any(|other| plain(other) == plain(given)) {
             return Ok(());
         }
-        let name = match self {
-            Self::Position | Self::Direction | Self::Share => short(field),
-            _ => format!("{} ({})", short(field), known[0]),
-        };
         bail!(
             "column `{}` is in {}, and {} is needed; convert its numbers, and name it `{}`",
             excerpt(field),
             excerpt(given),
-            known[0],
-            excerpt(&name)
+            self.needed(),
+            excerpt(&short(field))
         )
     }
 }
@@ -154,6 +143,7 @@ fn plain(unit: &str) -> String {
         '²' => Some('2'),
         '¹' => Some('1'),
         '⁻' | '−' => Some('-'),
+        'º' => Some('°'),
         '^' | '.' | '·' | '*' | '_' | '(' | ')' => None,
         c => (!c.is_whitespace()).then_some(c),
     };
@@ -228,7 +218,6 @@ impl<const N: usize> Header<N> {
                     names.map(|name| format!("`{name}`")).join(", ")
                 ),
             };
-            Unit::of_point(name).require(fields[*place])?;
         }
         Ok(Self {
             separator,
@@ -543,50 +532,37 @@ mod tests {
     }
 
     #[test]
-    fn a_unit_is_that_of_its_column_however_it_is_written() {
-        use Unit::{Celsius, Degrees, Direction, Irradiance, Kelvin, Percent, Position, Share, Speed};
+    fn a_header_may_not_name_another_unit() {
+        use Unit::{Celsius, Degrees, Irradiance, Kelvin, Length, Percent, Share, Speed};
         for (unit, fields) in [
-            (Kelvin, &["t", "t (K)", "t [k]", "t (Kelvin)", "t ()"][..]),
-            (Celsius, &["t (degC)", "t (°C)", "t [deg. C]", "t (℃)"]),
+            (Kelvin, &["t", "t (K)", "t [Kelvin]", "t ()", "t ("][..]),
+            (Celsius, &["t (degC)", "t (ºC)", "t (2 m)"]),
             (
                 Irradiance,
-                &[
-                    "e (W/m2)",
-                    "e (W/m²)",
-                    "e (w/m^2)",
-                    "e [W m-2]",
-                    "e (W·m⁻²)",
-                    "e (W/(m2))",
-                ],
+                &["e (W/m²)", "e [W m-2]", "e (normal)", "e (W/m2) [DNI]", "albedo (-)"],
             ),
-            (Degrees, &["a (deg)", "a (°)", "a (Degrees)"]),
-            (Percent, &["h (%)"]),
-            (Speed, &["w (m/s)", "w (m s^-1)"]),
+            (Degrees, &["a (°)", "a (deg clockwise from north)"]),
+            (Percent, &["h (%)", "h (relative)"]),
+            (Speed, &["w (m s^-1)", "w (10 m)"]),
             (Share, &["g (-)"]),
-            (Position, &["x", "X (m)", "z [m]", "x (scene units)"]),
-            (Direction, &["nx", "nx (-)", "x (km)"]),
+            (Length, &["x", "x (mm)", "x (east)"]),
         ] {
             for field in fields {
                 assert!(unit.require(field).is_ok(), "{unit:?} {field}");
             }
         }
         for (unit, field, said) in [
-            (Kelvin, "sky (degC)", "column `sky (degC)` is in degC, and K is needed"),
-            (Irradiance, "e (kW/m2)", "is in kW/m2, and W/m2 is needed"),
-            (Irradiance, "e [Wh/m2]", "is in Wh/m2, and W/m2 is needed"),
             (
-                Irradiance,
-                "albedo (-)",
-                "is in -, and W/m2 is needed; convert its numbers, and name it `albedo (W/m2)`",
+                Kelvin,
+                "sky (degC)",
+                "column `sky (degC)` is in degC, and K is needed; convert its numbers, and name it `sky`",
             ),
+            (Kelvin, "sky [°C] (night)", "is in °C, and K is needed"),
+            (Irradiance, "e (kW/m²)", "is in kW/m², and W/m2 is needed"),
+            (Irradiance, "e [Wh/m2]", "is in Wh/m2, and W/m2 is needed"),
             (Degrees, "a (rad)", "is in rad, and deg is needed"),
             (Share, "g (%)", "is in %, and a share from 0 to 1 is needed"),
-            (
-                Position,
-                "x (mm)",
-                "is in mm, and the scene's unit is needed; convert its numbers, and name it `x`",
-            ),
-            (Direction, "x (deg)", "is in deg, and a length is needed"),
+            (Speed, "w (km/h)", "is in km/h, and m/s is needed"),
         ] {
             let found = unit.require(field).expect_err(field).to_string();
             assert!(found.contains(said), "{found}");
@@ -630,10 +606,6 @@ mod tests {
             ("1 2 3 0 0 up\n", "`up` is no finite number"),
             ("x,y,z\n1,2,3\n", "Some(1) the header `x,y,z` names no column `nx`"),
             ("x,x,y,z,nx,ny,nz\n", "twice"),
-            (
-                "# millimetres\nx (mm),y (mm),z (mm),nx,ny,nz\n1,2,3,0,0,1\n",
-                "Some(2) column `x (mm)` is in mm, and the scene's unit is needed",
-            ),
             (
                 "x,y,z,nx,ny,nz\n1,2,3,0,0\n",
                 "Some(2) `1,2,3,0,0` has 5 fields where the header has 6",

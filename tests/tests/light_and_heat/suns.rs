@@ -188,7 +188,6 @@ fn tables_of_other_moments_or_units_are_refused() {
          true\n[object.plate]\ntemperature = 300\n",
     );
     place.write("points.txt", "1.5 1.5 0.4\n");
-    place.write("millimetres.txt", "x (mm),y (mm),z (mm)\n1500,1500,400\n");
     place.write("load.csv", "surface,06:00,12:00\nunder,0,500\n");
     place.write("one.csv", "surface,noon\nunder,500\n");
     place.write("hours.csv", "surface,12:00,06:00\nfloor,310,300\n");
@@ -235,10 +234,6 @@ fn tables_of_other_moments_or_units_are_refused() {
         (
             format!("{heat} --suns twice.csv"),
             "twice.csv:1: the columns `direct` and `direct` are the same",
-        ),
-        (
-            "points shaded.obj --up z --points millimetres.txt --as sphere".to_owned(),
-            "millimetres.txt:1: column `x (mm)` is in mm, and the scene's unit is needed",
         ),
     ] {
         place.line(&line).is(2).says(&[said]);

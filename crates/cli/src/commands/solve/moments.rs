@@ -12,13 +12,14 @@
 //! single moment holds for all.
 
 use crate::exit::hinted;
-use crate::report::counted;
+use crate::report::{counted, figures};
 use crate::suns::{Moment, Suns, first_difference};
 use crate::table::{Head, Located, head, told};
 use anyhow::{Context, Result, anyhow, bail};
 use hemicube::solve::{ArrayFile, Block, Heat, STEFAN_BOLTZMANN, SolveError, Temperature};
 use hemicube::store::{Manifest, PatchTable};
 use hemicube_scene::globs::Patterns;
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -55,6 +56,8 @@ struct Table {
 pub(super) struct Moments {
     loads: Option<Table>,
     temperatures: Option<Table>,
+    /// The lowest temperature of a schedule in kelvin below [`Temperature::COLD`].
+    coldest: Option<f64>,
     /// Sunlight that each patch absorbs, in W/m², a moment each.
     absorbed: Vec<Vec<f64>>,
     /// Temperatures of the sky by the suns' table, K, a moment each; empty where it does not hold.
@@ -78,8 +81,16 @@ impl Moments {
             Ok(load) if load.is_finite() => Ok(load),
             _ => Err(anyhow!("`{text}` is no number of W/m²")),
         };
+        // Perhaps degrees Celsius without their sign.
+        let coldest = Cell::new(None);
         let kelvin = |text: &str| match text.parse::<Temperature>() {
-            Ok(given) => Ok(given.kelvin()),
+            Ok(given) => {
+                let kelvin = given.kelvin();
+                if !given.is_celsius() {
+                    coldest.set(colder(coldest.get(), kelvin));
+                }
+                Ok(kelvin)
+            }
             Err(reason) => Err(anyhow!(reason)),
         };
         let read = |path: Option<&Path>, number: &dyn Fn(&str) -> Result<f64>| {
@@ -126,6 +137,7 @@ impl Moments {
         Ok(Self {
             loads,
             temperatures,
+            coldest: coldest.get(),
             absorbed: Vec::new(),
             skies: Vec::new(),
             planets: Vec::new(),
@@ -178,15 +190,14 @@ impl Moments {
 
     /// Temperatures of tables below [`Temperature::COLD`], in kelvin, with what they are of: perhaps degrees Celsius.
     pub(super) fn cold(&self) -> Vec<String> {
-        let mut found = Vec::new();
-        if let Some(table) = &self.temperatures
-            && let Values::Lines { lines, outside, .. } = &table.values
-        {
-            let all = lines.iter().flatten().chain(outside.iter().flatten());
-            found.extend(coldest(all).map(|kelvin| format!("{kelvin} K of `{}`", table.path.display())));
-        }
-        found.extend(coldest(self.skies.iter()).map(|kelvin| format!("{kelvin} K of `sky_temperature`")));
-        found
+        let of_skies = self.skies.iter().copied().fold(None, colder);
+        let of_schedule = self.temperatures.as_ref().map(|table| table.path.display().to_string());
+        let found = [
+            (self.coldest, of_schedule.unwrap_or_default()),
+            (of_skies, "sky_temperature".to_owned()),
+        ];
+        let told = |(kelvin, of): (Option<f64>, String)| Some(format!("{} K of `{of}`", figures(kelvin?)));
+        found.into_iter().filter_map(told).collect()
     }
 
     /// The exchange at the temperatures of a moment.
@@ -231,12 +242,13 @@ impl Moments {
     }
 }
 
-/// The lowest temperature above 0 K and below [`Temperature::COLD`].
-fn coldest<'a>(kelvins: impl Iterator<Item = &'a f64>) -> Option<f64> {
-    let cold = kelvins
-        .copied()
-        .filter(|&kelvin| kelvin > 0.0 && kelvin < Temperature::COLD);
-    cold.min_by(f64::total_cmp)
+/// The lower of two temperatures, where it is above 0 K and below [`Temperature::COLD`].
+fn colder(than: Option<f64>, kelvin: f64) -> Option<f64> {
+    if kelvin > 0.0 && kelvin < Temperature::COLD {
+        Some(than.map_or(kelvin, |than| than.min(kelvin)))
+    } else {
+        than
+    }
 }
 
 /// What lies outside a scene.
@@ -352,7 +364,7 @@ fn require_same_moments(tables: &[(&Path, &[String])]) -> Result<()> {
                         names[moment],
                         path.display()
                     ),
-                    "moments are taken in the order of each table: order both alike, with the same names",
+                    "moments are taken in the order of each table: give both the same names in the same order",
                 ));
             }
         }
