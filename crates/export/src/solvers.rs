@@ -140,7 +140,7 @@ pub fn export_for(
     let faces = Faces::new(store, format.program(), grouping, options.order, options.write.cancel)?;
     if let Some(version) = options.version.filter(|version| !is_version(version)) {
         let reason = format!("`{version}` is no version");
-        return Err(faces.unfit(reason, "give numbers with points between them: `2.21`"));
+        return Err(faces.unfit(reason, "a version is numbers with points between them, as `22.1`"));
     }
     let paths = writer.paths(&faces, path)?;
     // Created first: an unwritable place is the better thing to be told than a matrix that does not fit.
@@ -183,10 +183,11 @@ pub fn export_for(
     })
 }
 
-/// Returns whether a text is numbers with points between them, as versions are.
+/// Returns whether a text may be a version: `22.1`, `2.8p2`.
 fn is_version(text: &str) -> bool {
-    let is_number = |part: &str| (1..=9).contains(&part.len()) && part.bytes().all(|byte| byte.is_ascii_digit());
-    text.len() < 40 && text.split('.').all(is_number)
+    let is_part =
+        |part: &str| part.starts_with(|c: char| c.is_ascii_digit()) && part.bytes().all(|b| b.is_ascii_alphanumeric());
+    text.len() < 40 && text.split('.').all(is_part)
 }
 
 #[cfg(test)]
@@ -194,8 +195,8 @@ mod tests {
     use super::is_version;
 
     #[test]
-    fn versions_are_numbers_with_points_between_them() {
-        for version in ["2", "2.21", "22.1.0"] {
+    fn versions_begin_with_numbers() {
+        for version in ["2", "2.21", "22.1.0", "2.8p2"] {
             assert!(is_version(version), "{version}");
         }
         for other in ["", "abc", "2.", ".2", "2.21; x", "2..1", "-2", &"1.".repeat(40)] {

@@ -32,11 +32,11 @@ const FIRST: usize = 64;
 /// rows, (1 − 2 T)ⁿ = 0.07. [`FIRST`] are enough for the default, and no more than [`LEAST`] look: 1 / T of them took
 /// 18 % of a maze's time at 0.1 %.
 const LOOK: f64 = 1.28;
-/// Number of rays of a measurement at least: a standard error of 0.016. They are the processor's and tell what a ray
+/// Number of rays of a measurement at least: a standard error of 0.016 behind large surfaces. They are the processor's and tell what a ray
 /// costs, whoever casts the others. A choice: more leave less to a device, of fewer it would get batches too small to
 /// fill it.
 const LEAST: usize = 4 * FIRST;
-/// Number of rays at most: as many as know any share to a third of 0.1 %. Entries know sums better that are asked for
+/// Number of rays at most: as many as know any share behind large surfaces to a third of 0.1 %. Entries know sums better that are asked for
 /// more.
 const MOST: usize = 1 << 17;
 /// Parts of the rays whose spread tells how they err. A choice: with fewer, the spread is known worse, 1 ÷ √8 of itself
@@ -134,7 +134,7 @@ pub(crate) struct RayShares {
     rays: usize,
     /// Blocks of triangles that the first [`LEAST`] of them met.
     blocks: u64,
-    /// True if more were cast than look.
+    /// True once a measurement was asked for and has [`LEAST`] rays.
     is_measurement: bool,
 }
 
@@ -233,8 +233,8 @@ impl RayShares {
         blocks as f64 * counted / self.blocks.max(1) as f64
     }
 
-    /// Casts the first rays from a patch: the whole net of [`LOOK`] ÷ `permitted`, [`LEAST`] at most. `None` for
-    /// a patch without area.
+    /// Casts the first rays from a patch: the whole net of [`LOOK`] ÷ `permitted`, at most [`LEAST`] and what is
+    /// [paid](Self::paid). `None` for a patch without area.
     pub(crate) fn look(
         emitter: &Emitter<'_>,
         permitted: f64,

@@ -156,7 +156,7 @@ impl std::fmt::Debug for SolutionWriter {
 
 impl SolutionWriter {
     /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. It replaces one of
-    /// that name when it is finished, and leaves nothing where it is not.
+    /// that name once its files are written and named; a solution that is never finished leaves nothing.
     ///
     /// # Errors
     /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
