@@ -98,8 +98,8 @@ impl Unit {
         }
     }
 
-    /// Units that such a column may be in elsewhere; [`plain`] makes more spellings of them one. Other words in brackets
-    /// are remarks: `(normal)`, `(10 m)`.
+    /// Units that such a column may be in elsewhere; [`plain`] makes more spellings of them one. Other words in
+    /// brackets are remarks: `(normal)`, `(10 m)`.
     fn others(self) -> &'static [&'static str] {
         match self {
             Self::Kelvin => &["degC", "°C", "℃", "C", "celsius", "degrees celsius", "degF", "°F", "F"],

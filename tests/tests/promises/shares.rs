@@ -164,9 +164,9 @@ fn rows_of_patches_that_reach_into_solids_come_near_their_sum() {
     assert!((found - exact).abs() < 2e-2, "{found}, {exact}");
 }
 
-/// A floor of 144 squares, 36 of which carry a hollow post without a bottom. A square sees little of its post's sides and
-/// little of the post's inside, both far finer than what few rays resolve; rows whose errors were believed to be those of
-/// rays that resolve all stated 0.04 % where they were off by 1.3 %.
+/// A floor of 144 squares, 36 of which carry a hollow post without a bottom. A square sees little of its post's sides
+/// and little of the post's inside, both far finer than what few rays resolve; rows whose errors were believed to be
+/// those of rays that resolve all stated 0.04 % where they were off by 1.3 %.
 #[test]
 fn sums_beside_thin_posts_are_off_by_no_more_than_their_standard_errors_say() {
     const CELLS: u32 = 12;

@@ -32,12 +32,12 @@ const FIRST: usize = 64;
 /// rows, (1 − 2 T)ⁿ = 0.07. [`FIRST`] are enough for the default, and no more than [`LEAST`] look: 1 / T of them took
 /// 18 % of a maze's time at 0.1 %.
 const LOOK: f64 = 1.28;
-/// Number of rays of a measurement at least: a standard error of 0.016 behind large surfaces. They are the processor's and tell what a ray
-/// costs, whoever casts the others. A choice: more leave less to a device, of fewer it would get batches too small to
-/// fill it.
+/// Number of rays of a measurement at least: a standard error of 0.016 behind large surfaces. They are the processor's
+/// and tell what a ray costs, whoever casts the others. A choice: more leave less to a device, of fewer it would get
+/// batches too small to fill it.
 const LEAST: usize = 4 * FIRST;
-/// Number of rays at most: as many as know any share behind large surfaces to a third of 0.1 %. Entries know sums better that are asked for
-/// more.
+/// Number of rays at most: as many as know any share behind large surfaces to a third of 0.1 %. Entries know sums
+/// better that are asked for more.
 const MOST: usize = 1 << 17;
 /// Parts of the rays whose spread tells how they err. A choice: with fewer, the spread is known worse, 1 ÷ √8 of itself
 /// now; with more, parts are too small to tell n^(−5/4) from 1 ÷ n.
