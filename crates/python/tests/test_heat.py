@@ -71,6 +71,19 @@ def test_cold_temperatures_and_an_open_scene_are_questioned() -> None:
     hemicube.solve_heat(hemicube.compute(room()), 0.9, 300.0)
 
 
+def test_a_closed_room_without_a_temperature_is_refused() -> None:
+    matrix = hemicube.compute(room())
+    with pytest.raises(hemicube.InputError, match="nothing determines the temperatures"):
+        hemicube.solve_heat(matrix, 0.9, np.nan)
+    emissivity, kelvin = np.full(matrix.shape[0], 0.9), np.full(matrix.shape[0], np.nan)
+    emissivity[0], kelvin[0] = 0.0, 300.0
+    with pytest.raises(hemicube.InputError, match="nothing determines the temperatures"):
+        hemicube.solve_heat(matrix, emissivity, kelvin)
+    kelvin[1] = 300.0
+    assert np.allclose(hemicube.solve_heat(matrix, emissivity, kelvin).temperature, 300.0)
+
+
+
 def test_mixed_conditions_are_kept() -> None:
     """Fluxes, totals and floating bodies; the rest of the heat is what the only temperature takes."""
     matrix = hemicube.compute(room())
