@@ -6,8 +6,8 @@ use crate::matrix::{Matrix, Use, stored};
 use crate::pickle::{Reduced, maker};
 use crate::{errors, numbers};
 use hemicube::solve::{
-    Block, EnergyBalance, Factors, Method, Pairs, Problem, Reading, STEFAN_BOLTZMANN, Solution as Solved, SolveOptions,
-    energy_balance, require_shares, solve as solve_for,
+    Block, EnergyBalance, Factors, Method, OPEN_LEAST, Pairs, Problem, Reading, STEFAN_BOLTZMANN, Solution as Solved,
+    SolveOptions, energy_balance, require_shares, solve as solve_for,
 };
 use hemicube::store::RowTable;
 use numpy::{PyArray1, PyArrayMethods};
@@ -565,8 +565,8 @@ where
     let table = &tables[0];
     let shown = |patch: usize| format!("patch {patch}");
     require_shares(table, "emissivity", shown, |patch| emissivity[patch]).map_err(|error| errors::solving(&error))?;
-    // Rounding is no opening; what escapes may not be known.
-    let is_open = table.escaped.iter().any(|&share| share.is_nan() || share > 1e-6);
+    // What escapes may not be known.
+    let is_open = table.escaped.iter().any(|&share| share.is_nan() || share > OPEN_LEAST);
     let is_held = |side: usize| (0..count).any(|patch| emissivity[patch] > 0.0 && !of(patch, side).is_nan());
     if !is_open && !(0..columns).all(is_held) {
         return Err(errors::input(

@@ -70,7 +70,7 @@ pub use block::Block;
 pub use enclosures::{Enclosures, LEAST_EXCHANGE, enclosures};
 pub use factors::{Factors, InMemory, OutOfCore, multiply};
 pub use files::{ArrayFile, SolutionWriter, StoredSolution};
-pub use heat::{Given, Heat, HeatSolution, OPEN, Undetermined, open_share, solve_heat, solve_heats};
+pub use heat::{Given, Heat, HeatSolution, OPEN, OPEN_LEAST, Undetermined, open_share, solve_heat, solve_heats};
 pub use pairs::{Pairs, Reading, SUMS, Weights, disagreement};
 pub use properties::{
     Condition, Entry, Named, Optics, PrintedTable, Properties, PropertyError, PropertyStep, RGB, Spectrum, Tables,

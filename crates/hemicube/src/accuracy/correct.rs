@@ -859,11 +859,12 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
     /// The standard errors of Σ F and of *escaped*, of a row with this sum, expected Σ (F − true F)² and these shares.
     ///
     /// Entries that err independently leave their sum the variance V = Σ Var F. Neighbours behind one edge err
-    /// together, and the sum is off by more. Rays, or else hemicubes, tell it as well: their difference from the row's,
-    /// where it is larger than √V, takes its place, unless each pair was measured by itself (`is_exact`). Rays of the
-    /// standard error e leave V e² / (V + e²), and the part V / (V + e²) of a difference D that the row was not moved
-    /// by is an error, too. A share X of L = 1 − Σ F has the part X / L of that error, and that of the rays that divide
-    /// L. `scoreboard board` prints both beside what rows are off by.
+    /// together, and the sum is off by more. What a closed row had lacked ([`Lacking::common`]) takes the place of V
+    /// where it is larger. Rays, or else hemicubes, tell the sum as well: their difference from the row's, where it is
+    /// larger than √V, takes its place, unless each pair was measured by itself (`is_exact`). Rays of the standard
+    /// error e leave V e² / (V + e²), and the part V / (V + e²) of a difference D that the row was not moved by is an
+    /// error, too. A share X of L = 1 − Σ F has the part X / L of that error, and that of the rays that divide L.
+    /// `scoreboard board` prints both beside what rows are off by.
     fn standard_errors(&self, factors: f64, squared_error: f64, shares: RowShares, is_exact: bool) -> [f32; 2] {
         let rays = self.cast().filter(RayShares::is_measurement);
         let lost = rays.map_or(self.hemicubes, |rays| rays.shares()).lost();

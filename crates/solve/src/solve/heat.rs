@@ -27,7 +27,7 @@ use super::{
 use hemicube_store::RowTable;
 
 /// An enclosure that loses less than this part of its view is closed: rounding.
-const OPEN_LEAST: f64 = 1e-6;
+pub const OPEN_LEAST: f64 = 1e-6;
 /// Share of the view above which a scene is open. A choice: with less, closed rooms with a seam ask for a temperature
 /// outside; with more, a window's loss is taken for none.
 pub const OPEN: f64 = 0.01;
