@@ -109,6 +109,12 @@ impl Prepared {
         for sentence in scene.ledger.sentences() {
             talk.warn(&sentence);
         }
+        if let Some(metres) = scene.metres_per_unit.filter(|metres| (metres - 1.0).abs() > 1e-9) {
+            talk.warn(&format!(
+                "the file's unit is {metres} m, and its lengths are taken as they stand; heat in watts needs metres: \
+                 `--scale {metres}`"
+            ));
+        }
         for (what, number) in scene.ledger.notes() {
             talk.detail(&format!("in the file: {} × {what}", crate::report::count(number)));
         }

@@ -254,6 +254,11 @@ fn unread(names: &[String]) -> Result<Vec<String>> {
     Ok(unread)
 }
 
+/// Refuses a header with a column twice, in another unit or misspelt, and one with the sun's angles beside its axes.
+pub(crate) fn require_columns(names: &[String]) -> Result<()> {
+    unread(names).map(drop)
+}
+
 /// Refuses a column that nothing reads whose name is nearly one that the header lacks.
 fn require_spelt(unread: &[String], shorts: &[String]) -> Result<()> {
     let has = |known: &str| shorts.iter().any(|name| name == known);

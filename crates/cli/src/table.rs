@@ -336,15 +336,25 @@ pub(crate) fn read_either<const A: usize, const B: usize>(
 /// # Errors
 /// When the file cannot be read, or is no UTF-8.
 pub(crate) fn names_column(path: &Path, name: &str) -> Result<bool> {
+    Ok(names(path)?.iter().any(|field| short(field) == name))
+}
+
+/// The names of a table's columns; none without a header.
+///
+/// # Errors
+/// When the file cannot be read, or is no UTF-8.
+pub(crate) fn names(path: &Path) -> Result<Vec<String>> {
     let text = text(path)?;
     let mut lines = text.lines().map(|line| line.split('#').next().unwrap_or(""));
     let head = lines.find(|line| !is_empty(line)).filter(|line| is_header(line));
-    Ok(head.is_some_and(|head| {
+    let fields = |head: &str| {
         Separator::of(head)
             .fields(head)
             .iter()
-            .any(|field| short(field) == name)
-    }))
+            .map(|field| (*field).to_owned())
+            .collect()
+    };
+    Ok(head.map(fields).unwrap_or_default())
 }
 
 /// The text of each row in the column `name`; `None` without such a column.

@@ -78,6 +78,21 @@ fn suns_light_what_no_plate_shades_and_from_below_in_space() {
         .line("sky shaded.obj --up z --suns wrong.txt")
         .is(2)
         .says(&["wrong.txt:2: the altitude is 95°, beyond 90°"]);
+    for (header, said) in [
+        (
+            "azimuth,altitude,x,y,z",
+            "the columns `azimuth` and `x` both say where the sun stands",
+        ),
+        (
+            "azimuth,altitude,azimuth",
+            "the columns `azimuth` and `azimuth` are the same",
+        ),
+        ("azimuth (rad),altitude", "column `azimuth (rad)` is in rad"),
+    ] {
+        let columns = header.split(',').count();
+        place.write("wrong.txt", format!("{header}\n{}\n", vec!["1"; columns].join(",")));
+        place.line("sky shaded.obj --up z --suns wrong.txt").is(2).says(&[said]);
+    }
     place.write("suns.txt", "0 0 1\n0.5 0.25 1\n0 0 -2\n");
     // On the ground nothing comes from below.
     let found = ran("--horizon ground");

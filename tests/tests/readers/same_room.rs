@@ -143,3 +143,17 @@ fn another_room_is_told_apart() {
     let (other, _) = room(&place, "room.inp", ["1, 1, 2, 3, 4", "1, 2, 3, 4, 1"]);
     assert!(other != matrix, "a quadrilateral that is cut otherwise");
 }
+
+#[test]
+fn lengths_in_feet_are_named_until_they_are_metres() {
+    let place = Place::new();
+    let text = std::fs::read_to_string(workspace().join("crates/scene/tests/meshes/room.gbxml")).expect("a file");
+    let feet = text.replace("lengthUnit=\"Meters\"", "lengthUnit=\"Feet\"");
+    assert!(feet != text);
+    place.write("feet.gbxml", feet);
+    let compute = "compute feet.gbxml -o m --overwrite --tolerance 2%";
+    let said = "the file's unit is 0.3048 m, and its lengths are taken as they stand";
+    place.line(compute).is(0).says(&[said, "--scale 0.3048"]);
+    let metres = place.line(&format!("{compute} --scale 0.3048"));
+    assert!(!metres.is(0).err.contains(said));
+}

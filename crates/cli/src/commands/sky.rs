@@ -15,7 +15,7 @@ use crate::report::{
     self, Input, JsonReport, Listing, PendingFile, SCHEMA, Spread, count, counted, duration, lines, percent,
 };
 use crate::stored;
-use crate::suns::{ALTITUDE, direction_of};
+use crate::suns::{self, ALTITUDE, direction_of};
 use crate::table;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{Args, ValueEnum};
@@ -280,8 +280,8 @@ fn read_points(path: &Path) -> Result<Listed<SensorPoint>> {
 /// false where they are along the scene's axes.
 fn read_suns(path: &Path) -> Result<(Listed<DVec3>, bool)> {
     let mut found = Listed::default();
-    let is_of_angles = table::names_column(path, "azimuth")? && !table::names_column(path, "x")?;
-    if is_of_angles {
+    suns::require_columns(&table::names(path)?).map_err(|error| anyhow!("{}: {error}", path.display()))?;
+    if table::names_column(path, "azimuth")? {
         let [altitude, elevation] = ALTITUDE;
         let is_elevation = !table::names_column(path, altitude)? && table::names_column(path, elevation)?;
         for row in table::read(path, ["azimuth", if is_elevation { elevation } else { altitude }])? {

@@ -164,7 +164,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         (None, None) => bail!("a weather file or `--location LAT,LON` is needed"),
     };
     let text = table(&lines, arguments.sky, horizon);
-    let Some(output) = &arguments.output else {
+    let Some(output) = arguments.output.as_ref().filter(|output| output.as_os_str() != "-") else {
         print(&text)?;
         return Ok(Exit::Done);
     };
