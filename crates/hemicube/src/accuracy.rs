@@ -51,3 +51,4 @@ pub(crate) mod ladder;
 pub(crate) mod ray_shares;
 pub(crate) mod refine;
 pub(crate) mod row;
+pub(crate) mod spread;

@@ -105,7 +105,7 @@ use serde::{Deserialize, Serialize};
 
 /// Name of this program in manifests: its version, a plus sign, and a number raised whenever the same settings and
 /// hemicubes come to other bits. A store is resumed only by the program of its manifest.
-pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+33");
+pub const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+34");
 
 /// The weight of a whole hemicube.
 pub const HEMICUBE_WEIGHT: u64 = 1 << 31;

@@ -755,9 +755,10 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
         let Some(mut found) = self.cast() else { return 0.0 };
         let count_of = |met: &[u32]| met.iter().filter(|&&patch| !sees(row, patch)).count() as f64;
         let mut count = count_of(&self.met);
-        // Takes a standard error of the count off.
+        // With a standard error of the count, and without one.
+        let may_be_much = |count: f64, found: &RayShares| count + count.sqrt() > permitted * found.rays() as f64;
         let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
-        while is_much(count, &found) {
+        while may_be_much(count, &found) {
             let before = self.met.len();
             let wanted = NONE_MET / permitted;
             if !found.go_on(

@@ -9,10 +9,10 @@
 //! other (`Spread`).
 
 use crate::accuracy::caster::Caster;
-use crate::accuracy::error_model::variance_of_rays;
 use crate::accuracy::ladder::{self, whole_net};
 use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
+use crate::accuracy::spread::{PARTS, Spread};
 use crate::backend::Rays;
 use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
 use crate::face::Items;
@@ -39,9 +39,6 @@ const LEAST: usize = 4 * FIRST;
 /// Number of rays at most: as many as know any share behind large surfaces to a third of 0.1 %. Entries know sums
 /// better that are asked for more.
 const MOST: usize = 1 << 17;
-/// Parts of the rays whose spread tells how they err. A choice: with fewer, the spread is known worse, 1 ÷ √8 of itself
-/// now; with more, parts are too small to tell n^(−5/4) from 1 ÷ n.
-const PARTS: usize = 16;
 /// Blocks of triangles in an emitter's box that are asked whether they cross it: some tenths of a millisecond.
 const MOST_CROSSED: usize = 1024;
 /// Length of a ray: longer than any way through the scene, which fits a cube of side 2.
@@ -59,17 +56,17 @@ pub(crate) fn error(variance: f64, count: usize) -> f64 {
 }
 
 /// Half the view, of which rays resolve nothing: none errs more.
-const SUREST: Spread = Spread {
-    ray: 0.25,
-    unresolved: 1.0,
-};
+const SUREST: Spread = Spread::independent(0.25);
 
 /// The shares one by one.
 const UNITS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// The number of rays that leave none of these a standard error above `wanted`.
 fn rays_for(spreads: &[Spread], wanted: f64) -> f64 {
-    spreads.iter().map(|spread| spread.rays_for(wanted)).fold(0, usize::max) as f64
+    spreads
+        .iter()
+        .map(|&spread| net_for(spread, wanted))
+        .fold(0, usize::max) as f64
 }
 
 /// The variance of one ray that so many tell: a few rays that agree do not prove that all would.
@@ -77,50 +74,13 @@ fn known(variance: f64, count: usize) -> f64 {
     variance.max(0.25 / count as f64)
 }
 
-/// How the mean of rays errs: the part q of a ray's variance lies in what is too small for the rays to resolve.
-///
-/// ```text
-/// variance of n rays = w · ((1 − q) n^(−5/4) + q ÷ n),   w = X (1 − X)
-/// ```
-#[derive(Clone, Copy, Debug)]
-struct Spread {
-    /// w, the variance of one ray.
-    ray: f64,
-    /// q, from 0 to 1.
-    unresolved: f64,
-}
-
-impl Spread {
-    /// By the means of the parts, of so many rays each. The part q is the one that explains their variance, less the
-    /// standard error that this has at q = 0: most rows have none.
-    fn of(means: &[f64; PARTS], ray: f64, rays: usize) -> Self {
-        let mean = means.iter().sum::<f64>() / PARTS as f64;
-        let freedom = (PARTS - 1) as f64;
-        let found = means.iter().map(|of| (of - mean).powi(2)).sum::<f64>() / freedom;
-        let (resolved, independent) = (variance_of_rays(rays as f64), 1.0 / rays as f64);
-        let noise = (2.0 / freedom).sqrt() * resolved;
-        let unresolved = (found / ray - resolved - noise) / (independent - resolved);
-        Self {
-            ray,
-            unresolved: if unresolved > 0.0 { unresolved.min(1.0) } else { 0.0 },
-        }
+/// The rays of the smallest net that leaves no standard error above `wanted`; [`MOST`] where none does.
+fn net_for(spread: Spread, wanted: f64) -> usize {
+    let mut net = FIRST;
+    while net < MOST && spread.error(net) > wanted {
+        net *= 2;
     }
-
-    /// The standard error of the mean of so many rays.
-    fn error(self, rays: usize) -> f64 {
-        let rays = rays as f64;
-        let left = (1.0 - self.unresolved) * variance_of_rays(rays) + self.unresolved / rays;
-        (self.ray * left).sqrt()
-    }
-
-    /// The rays of the smallest net that leaves no standard error above `wanted`; [`MOST`] where none does.
-    fn rays_for(self, wanted: f64) -> usize {
-        let mut net = FIRST;
-        while net < MOST && self.error(net) > wanted {
-            net *= 2;
-        }
-        net
-    }
+    net
 }
 
 /// Shares measured by rays, which may go on.
@@ -145,12 +105,17 @@ impl RayShares {
 
     /// How the mean of a quantity errs that is a sum of parts of the shares, where a ray has this variance.
     fn spread(&self, ray: f64, parts: [f64; 3]) -> Spread {
-        let rays = self.rays / PARTS;
+        let rays = (self.rays / PARTS) as f64;
         let mean = |met: &[u32; 3]| -> f64 {
             let sum: f64 = met.iter().zip(parts).map(|(&met, part)| part * f64::from(met)).sum();
-            sum / rays.max(1) as f64
+            sum / rays.max(1.0)
         };
-        Spread::of(&self.parts.each_ref().map(mean), known(ray, self.rays.max(1)), rays)
+        Spread::of(
+            &self.parts.each_ref().map(mean),
+            rays,
+            known(ray, self.rays.max(1)),
+            1.0,
+        )
     }
 
     fn spreads(&self) -> [Spread; 3] {
@@ -284,7 +249,7 @@ impl RayShares {
         caster: &mut Caster<'_>,
         receives: impl FnMut(u32) -> bool,
     ) -> bool {
-        let sure = SUREST.rays_for(permitted / ERRORS) as f64;
+        let sure = net_for(SUREST, permitted / ERRORS) as f64;
         let paid = self.paid(permitted);
         let wanted = whole_net(wanted.min(sure).min(paid), LEAST, MOST);
         let next = ladder::next(self.rays, wanted, MOST, BATCH).filter(|_| paid > self.rays as f64);
@@ -558,32 +523,11 @@ mod tests {
     }
 
     #[test]
-    fn the_spread_of_parts_tells_rays_that_err_independently() {
-        let mut draw = draws(7);
-        // Means of 64 rays each of variance 1: uniform draws of the standard deviation asked for.
-        let mut found = |deviation: f64| -> Vec<f64> {
-            (0..200)
-                .map(|_| {
-                    Spread::of(
-                        &std::array::from_fn(|_| deviation * 12f64.sqrt() * (draw() - 0.5)),
-                        1.0,
-                        64,
-                    )
-                    .unresolved
-                })
-                .collect()
-        };
-        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
-        let resolved = found(variance_of_rays(64.0).sqrt());
-        let independent = found(0.125);
-        assert!(mean(&resolved) < 0.1, "{}", mean(&resolved));
-        assert!(mean(&independent) > 0.6, "{}", mean(&independent));
-        assert!(resolved.iter().filter(|&&of| of == 0.0).count() > 150);
-        let alike = Spread::of(&[0.5; PARTS], 0.25, 64);
-        let law = error(0.25, 1024);
-        assert!((alike.error(1024) / law - 1.0).abs() < 1e-12, "the law alone");
-        assert_eq!(alike.rays_for(alike.error(1024)), 1024);
-        assert_eq!(SUREST.rays_for(0.0), MOST);
+    fn nets_leave_what_is_wanted() {
+        let spread = Spread::resolved(0.25, 1.0);
+        assert_eq!(net_for(spread, spread.error(1024)), 1024);
+        assert_eq!(net_for(spread, 0.99 * spread.error(1024)), 2048);
+        assert_eq!(net_for(SUREST, 0.0), MOST);
     }
 
     /// Patches below thousands of twigs, which 1,024 rays do not resolve, and below a roof of two triangles.

@@ -23,10 +23,11 @@ pub(crate) mod sums;
 use crate::Model;
 use crate::accuracy::error_model::{
     CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, MEASURED_FROM, NEAR_RAY, PriorCell, PriorSums, PriorVariances,
-    REACH, ROW_SUM, RayGain, TREE_RAY, class_of, multiplier_for, nearness_of, rays_for, variance_of_rays,
+    REACH, ROW_SUM, RayGain, TREE_RAY, class_of, multiplier_for, nearness_of, variance_of_rays,
 };
 use crate::accuracy::ladder;
 use crate::accuracy::row::Emitter;
+use crate::accuracy::spread::Spread;
 use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::geometry::{area, centroid, cross};
@@ -815,13 +816,15 @@ impl<'c> Refiner<'c> {
         let (rays, spread) = loop {
             let rays = self.shaft.cast(obstacles, &triangles, next, seed, &mut cast);
             let smooth = smoothed(cast.fraction().unwrap_or(0.5), rays as f64);
-            let spread = (self.refinement.gain.factor() * smooth * (1.0 - smooth)).sqrt();
-            let wanted = rays_for((spread * z).powi(2) * allowed.multiplier, ray);
+            let gain = self.refinement.gain.factor();
+            let parts = cast.deviations(&triangles);
+            let spread = Spread::of(parts.of(), parts.part * rays as f64, smooth * (1.0 - smooth), gain);
+            let wanted = spread.rays_worth(z * z * allowed.multiplier, ray);
             let is_poor = cast.sums.all <= 0.0 || (triangles.is_near && rays < RAYS);
             if is_poor || (wanted > MANY_RAYS && rays >= KNOWN_RAYS) {
                 let precision = Precision {
                     // As much as those rays would leave.
-                    enough: spread * variance_of_rays(wanted.max(1.0)).sqrt(),
+                    enough: spread.squared_error(wanted).sqrt(),
                     most_points: MOST_POINTS,
                     most_steps: allowed.steps.saturating_sub(refined.steps + cast.steps),
                     along_contacts: false,
@@ -860,7 +863,7 @@ impl<'c> Refiner<'c> {
         if let Some(fraction) = cast.fraction() {
             pair.fraction = fraction;
         }
-        refined.squared_error += (spread * pair.unoccluded).powi(2) * variance_of_rays(rays.max(1) as f64);
+        refined.squared_error += pair.unoccluded.powi(2) * spread.squared_error(rays.max(1) as f64);
         refined
     }
 }

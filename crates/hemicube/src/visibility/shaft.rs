@@ -347,12 +347,88 @@ impl Kernels {
     }
 }
 
+/// Most parts of the rays at a pair that are told apart; there are half as many, and more, from so many units on.
+const MOST_PARTS: usize = 32;
+
+/// Sums over equal parts of a sequence, one after the other: their spread tells how rays err.
+#[derive(Clone, Copy, Debug)]
+struct Parts {
+    sums: [Kernels; MOST_PARTS],
+    /// Units of a part: a power of two.
+    each: usize,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self {
+            sums: [Kernels::default(); MOST_PARTS],
+            each: 1,
+        }
+    }
+}
+
+impl Parts {
+    /// The sums of the part that a unit of the sequence is in. Parts are merged in twos where there would be too many.
+    fn of(&mut self, unit: usize) -> &mut Kernels {
+        while unit / self.each >= MOST_PARTS {
+            for k in 0..MOST_PARTS {
+                self.sums[k] = match self.sums.get(2 * k..2 * k + 2) {
+                    Some([a, b]) => Kernels {
+                        visible: a.visible + b.visible,
+                        all: a.all + b.all,
+                    },
+                    _ => Kernels::default(),
+                };
+            }
+            self.each *= 2;
+        }
+        &mut self.sums[unit / self.each]
+    }
+
+    /// What the parts of so many units say of the visible fraction, less what all say.
+    fn deviations(&self, units: usize) -> Deviations {
+        let parts = &self.sums[..(units / self.each).min(MOST_PARTS)];
+        let (mut visible, mut all) = (0.0, 0.0);
+        for part in parts {
+            visible += part.visible;
+            all += part.all;
+        }
+        let mut found = Deviations {
+            of: [0.0; MOST_PARTS],
+            count: if all > 0.0 { parts.len() } else { 0 },
+            part: self.each as f64 / units.max(1) as f64,
+        };
+        // The error of Σ k V ÷ Σ k is the mean of k (V − fraction) over the mean of k.
+        for (of, part) in found.of.iter_mut().zip(&parts[..found.count]) {
+            *of = (part.visible - part.all * visible / all) * parts.len() as f64 / all;
+        }
+        found
+    }
+}
+
+/// What parts of the rays say of a visible fraction, less what all of them say.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Deviations {
+    of: [f64; MOST_PARTS],
+    count: usize,
+    /// A part in parts of all rays.
+    pub(crate) part: f64,
+}
+
+impl Deviations {
+    /// From half of [`MOST_PARTS`] on, of as many batches and more.
+    pub(crate) fn of(&self) -> &[f64] {
+        &self.of[..self.count]
+    }
+}
+
 /// Rays of one sequence cast at a pair so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Cast {
     /// Number of rays drawn.
     pub(crate) drawn: usize,
     pub(crate) sums: Kernels,
+    parts: Parts,
     /// Σ w and Σ w² of rays.
     weight: f64,
     squared_weight: f64,
@@ -364,6 +440,12 @@ impl Cast {
     /// The visible fraction; `None` where no ray had weight.
     pub(crate) fn fraction(&self) -> Option<f64> {
         (self.sums.all > 0.0).then(|| self.sums.visible / self.sums.all)
+    }
+
+    /// What parts of the rays say of the visible fraction.
+    pub(crate) fn deviations(&self, pair: &TrianglePair) -> Deviations {
+        let unit = if pair.is_near { FROM_A_POINT * RAYS } else { RAYS };
+        self.parts.deviations(self.drawn / unit)
     }
 
     /// Number of equal rays that the cast ones are worth, (Σ w)² / Σ w²: segments behind one of the triangles weigh
@@ -664,6 +746,9 @@ impl Shaft {
             }
             cast.sums.visible += seen;
             cast.sums.all += whole;
+            let part = cast.parts.of(cast.drawn / RAYS);
+            part.visible += seen;
+            part.all += whole;
             cast.weight += whole;
             cast.squared_weight += squares;
             cast.drawn += RAYS;
@@ -697,6 +782,8 @@ impl Shaft {
         let mut stopped = [0; RAYS];
         let mut bounds = ProjectedBounds::new();
         let mut filled = 0;
+        // The round of each ray of the batch: those of one point.
+        let mut rounds = [0; RAYS];
         let mut segments = pair.segments(obstacles);
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
@@ -716,6 +803,7 @@ impl Shaft {
                 &bounds,
                 &mut drawn,
             );
+            let round = cast.drawn / (FROM_A_POINT * RAYS);
             cast.drawn += RAYS;
             if mask != 0 && !pair.is_crowded {
                 pair.mark_stopped(&drawn, &mut stopped);
@@ -727,6 +815,7 @@ impl Shaft {
                     cast.steps += STEPS_A_SEGMENT;
                     let is_stopped = pair.is_stopped(&mut segments, x, y);
                     cast.sums.add(weight, !is_stopped);
+                    cast.parts.of(round).add(weight, !is_stopped);
                     cast.weight += weight;
                     cast.squared_weight += weight * weight;
                     continue;
@@ -735,12 +824,13 @@ impl Shaft {
                 #[allow(clippy::cast_possible_truncation, reason = "at most 4")]
                 let single = weight as f32;
                 batch.weight[filled] = single;
+                rounds[filled] = round;
                 cast.weight += weight;
                 cast.squared_weight += weight * weight;
                 filled += 1;
                 if filled == RAYS {
                     cast.steps += self.steps_a_batch(pair);
-                    self.count(pair, &mut batch, filled, &mut cast.sums);
+                    self.count(pair, &mut batch, &rounds[..filled], cast);
                     filled = 0;
                 }
             }
@@ -753,7 +843,7 @@ impl Shaft {
         }
         cast.steps += segments.more_steps;
         if filled > 0 {
-            self.count(pair, &mut batch, filled, &mut cast.sums);
+            self.count(pair, &mut batch, &rounds[..filled], cast);
         }
         #[allow(
             clippy::cast_possible_truncation,
@@ -764,12 +854,14 @@ impl Shaft {
         worth
     }
 
-    /// Traces the filled rays of a batch and adds their weights.
-    fn count(&self, pair: &TrianglePair, batch: &mut RayBatch, filled: usize, sums: &mut Kernels) {
+    /// Traces the rays of a batch, of these rounds, and adds their weights.
+    fn count(&self, pair: &TrianglePair, batch: &mut RayBatch, rounds: &[usize], cast: &mut Cast) {
         batch.hit = [0; RAYS];
         self.hit(pair, batch);
-        for l in 0..filled {
-            sums.add(f64::from(batch.weight[l]), batch.hit[l] == 0);
+        for (l, &round) in rounds.iter().enumerate() {
+            let (weight, is_visible) = (f64::from(batch.weight[l]), batch.hit[l] == 0);
+            cast.sums.add(weight, is_visible);
+            cast.parts.of(round).add(weight, is_visible);
         }
     }
 
@@ -1416,6 +1508,7 @@ dispatch! {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accuracy::spread::Spread;
     use crate::geometry::area;
     use crate::model::tests::one_sided;
     use crate::sampling::splitmix;
@@ -1467,6 +1560,79 @@ mod tests {
         shaft.cast_segments(obstacles, &pair, rays, 1, &mut cast);
         let count = pair.occluders.len() + pair.near_plane.len() + pair.coplanar.len();
         (count, cast.sums.visible / cast.sums.all)
+    }
+
+    #[test]
+    fn parts_of_rays_keep_their_sums_and_deviate_by_what_they_say() {
+        let mut parts = Parts::default();
+        for unit in 0..200 {
+            // The last quarter sees nothing.
+            parts.of(unit).add(2.0, unit < 150);
+        }
+        let sum: f64 = parts.sums.iter().map(|part| part.all).sum();
+        assert_eq!((sum, parts.each), (400.0, 8));
+        let found = parts.deviations(200);
+        assert_eq!((found.of().len(), found.part), (25, 0.04));
+        assert!(
+            (found.of()[0] - 0.25).abs() < 1e-12 && (found.of()[24] + 0.75).abs() < 1e-12,
+            "{found:?}"
+        );
+        assert!(found.of().iter().sum::<f64>().abs() < 1e-12);
+        assert!(
+            Parts::default().deviations(64).of().is_empty(),
+            "without weight, nothing is told"
+        );
+    }
+
+    /// Between two plates, a wall with a hole in it, and hundreds of splinters that 1,024 rays do not resolve.
+    #[test]
+    fn parts_of_rays_tell_splinters_from_a_wall() {
+        let p = DVec3::new;
+        let mut state = 3;
+        let mut draw = || splitmix::unit(splitmix::next(&mut state));
+        let mut splinter = || {
+            let at = p(draw(), draw(), 0.2 + 0.4 * draw());
+            let side = p(draw() - 0.5, draw() - 0.5, 0.0).normalize() * 0.012;
+            [at, at + side, at + p(draw() - 0.5, draw() - 0.5, 0.5) * 0.5]
+        };
+        let splinters: Vec<_> = (0..240).map(|_| splinter()).collect();
+        let wall = [[p(-1., 0.4, 0.5), p(2., 0.4, 0.5), p(0.5, 3., 0.5)]];
+        let over_stated = |more: &[[DVec3; 3]]| -> [f64; 2] {
+            let model = scene(more);
+            let regions = CoplanarRegions::of(&model);
+            let obstacles = obstacles(&model, &regions);
+            let [i, j] = [0, 2].map(|patch| model.normalised_corners(patch));
+            let mut shaft = Shaft::default();
+            let pair = shaft.pair(obstacles, PatchTriangle::new(0, &i), PatchTriangle::new(2, &j));
+            let fraction = |rays: usize, seed: u64| {
+                let mut cast = Cast::default();
+                let rays = shaft.cast(obstacles, &pair, rays, seed, &mut cast) as f64;
+                let fraction = cast.fraction().expect("they face each other");
+                (fraction, cast.deviations(&pair), rays)
+            };
+            let (truth, ..) = fraction(1 << 17, 1);
+            let mut sums = [0.0; 2];
+            for seed in 2..34 {
+                let (found, parts, rays) = fraction(1024, seed);
+                let ray = found * (1.0 - found);
+                let spread = Spread::of(parts.of(), parts.part * rays, ray, 1.0);
+                let law = Spread::resolved(ray, 1.0);
+                for (sum, spread) in sums.iter_mut().zip([spread, law]) {
+                    *sum += (found - truth).powi(2) / spread.squared_error(rays) / 32.0;
+                }
+            }
+            sums.map(f64::sqrt)
+        };
+        let [by_parts, by_law] = over_stated(&splinters);
+        assert!(
+            by_law > 2.0 && (0.5..1.6).contains(&by_parts),
+            "{by_parts}, by the law {by_law}"
+        );
+        let [by_parts, by_law] = over_stated(&wall);
+        assert!(
+            by_law < 1.2 && (0.5..1.2).contains(&by_parts),
+            "{by_parts}, by the law {by_law}"
+        );
     }
 
     /// By rays in f32 against a list, and by the test in f64 of what is near a plane.

@@ -23,6 +23,7 @@ use crate::Model;
 use crate::accuracy::error_model::variance_of_rays;
 use crate::accuracy::ladder::{self, GROWTH, rays_to_leave, whole_net};
 use crate::accuracy::row::Emitter;
+use crate::accuracy::spread::Spread;
 use crate::bvh::Tree;
 use crate::factor::exchange;
 use crate::geometry::{Plane, area, bounds, cross};
@@ -356,7 +357,9 @@ impl Refiner<'_> {
             let seen = cast.fraction().unwrap_or(0.5);
             let smooth = smoothed(seen, rays);
             let variance = smooth * (1.0 - smooth);
-            let error = (variance * variance_of_rays(rays)).sqrt() * measured.exchange_area;
+            let parts = cast.deviations(pair);
+            let squared = Spread::of(parts.of(), parts.part * rays, variance, 1.0).squared_error(rays);
+            let error = squared.sqrt() * measured.exchange_area;
             measured.fraction = seen;
             #[allow(clippy::cast_possible_truncation, reason = "an estimate, and a bounded number")]
             {
@@ -367,7 +370,8 @@ impl Refiner<'_> {
             if error <= enough {
                 return true;
             }
-            let growth = rays_to_leave((enough / measured.exchange_area).powi(2) / variance) / rays;
+            let one = squared / variance_of_rays(rays);
+            let growth = rays_to_leave((enough / measured.exchange_area).powi(2) / one) / rays;
             let net = whole_net(wanted as f64 * growth, FIRST_RAYS, EACH_RAYS);
             let Some(more) = ladder::next(wanted, net, EACH_RAYS, RAYS) else {
                 break;
