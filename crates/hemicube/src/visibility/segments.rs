@@ -44,8 +44,28 @@ pub(crate) struct Segments<'a> {
     pending: Pending,
     /// The block that stopped the segment before: it often stops the next.
     last: Option<u32>,
-    /// Work beyond [`super::shaft::STEPS_A_SEGMENT`] of each segment so far, in steps.
-    pub(crate) more_steps: u64,
+    /// The segments of the pair so far, those of earlier rungs among them.
+    pub(crate) walked: Walked,
+}
+
+/// Segments that tell what the others of a pair cost, whoever answers those. As many as shares are told by, see
+/// `accuracy::ray_shares`: more leave less to a device, of fewer a device would get batches too small to fill it.
+pub(crate) const TOLD: u64 = 256;
+
+/// Segments down the tree, and their work.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Walked {
+    segments: u64,
+    /// Work of the first [`TOLD`] beyond [`STEPS_A_SEGMENT`] each, in steps.
+    more_steps: u64,
+}
+
+impl Walked {
+    /// Work beyond [`STEPS_A_SEGMENT`] of each, in steps: that of the first [`TOLD`], and their mean for each further one.
+    pub(crate) fn more_steps(&self) -> u64 {
+        let further = self.segments.saturating_sub(TOLD);
+        self.more_steps + further * (self.more_steps / TOLD)
+    }
 }
 
 /// Blocks on a segment's way that [`STEPS_A_SEGMENT`] pays for, and steps of each further one: where
@@ -55,7 +75,13 @@ const STEPS_A_FURTHER_BLOCK: u64 = 100;
 
 impl<'a> Segments<'a> {
     /// Segments from a patch to the patch `receiver`; `own` are their coplanar regions, `planes` their planes.
-    pub(crate) fn new(obstacles: Obstacles<'a>, own: [u32; 2], receiver: u32, planes: [Plane; 2]) -> Self {
+    pub(crate) fn new(
+        obstacles: Obstacles<'a>,
+        own: [u32; 2],
+        receiver: u32,
+        planes: [Plane; 2],
+        walked: Walked,
+    ) -> Self {
         Self {
             obstacles,
             own,
@@ -64,13 +90,14 @@ impl<'a> Segments<'a> {
             tolerance: obstacles.regions.tree.plane_tolerance,
             pending: Pending::new(),
             last: None,
-            more_steps: 0,
+            walked,
         }
     }
 
     /// Returns whether a region crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, by
     /// lying in the receiver's plane and being seen before it. Walks down the tree along the segment.
     pub(crate) fn is_stopped(&mut self, start: DVec3, end: DVec3, at: DVec3) -> bool {
+        self.walked.segments += 1;
         let wide = &self.obstacles.regions.wide;
         let segment = Segment::new(start, end, self.tolerance);
         if let Some(block) = self.last
@@ -91,7 +118,9 @@ impl<'a> Segments<'a> {
             }
         }
         self.pending = pending;
-        self.more_steps += STEPS_A_FURTHER_BLOCK * met.saturating_sub(USUAL_BLOCKS);
+        if self.walked.segments <= TOLD {
+            self.walked.more_steps += STEPS_A_FURTHER_BLOCK * met.saturating_sub(USUAL_BLOCKS);
+        }
         stopped
     }
 

@@ -20,7 +20,7 @@ use crate::sampling::sobol::{self, Sequence, fold};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::steps;
 use crate::visibility::coplanar::CoplanarRegions;
-use crate::visibility::segments::{HAIR, Obstacles, Segments};
+use crate::visibility::segments::{HAIR, Obstacles, Segments, Walked};
 use glam::DVec3;
 use std::ops::Range;
 
@@ -268,12 +268,12 @@ impl TrianglePair {
     }
 
     /// Segments down the tree, for a crowded shaft.
-    fn segments<'a>(&self, obstacles: Obstacles<'a>) -> Segments<'a> {
+    fn segments<'a>(&self, obstacles: Obstacles<'a>, cast: &Cast) -> Segments<'a> {
         let planes = self.planes.map(|plane| Plane {
             offset: plane.offset + plane.normal.dot(self.origin),
             ..plane
         });
-        Segments::new(obstacles, self.own_regions, self.receiver_patch, planes)
+        Segments::new(obstacles, self.own_regions, self.receiver_patch, planes, cast.walked)
     }
 
     /// Returns whether a segment between a point of the smaller one and one of the other, relative to `origin`, is
@@ -432,6 +432,7 @@ pub(crate) struct Cast {
     /// Σ w and Σ w² of rays.
     weight: f64,
     squared_weight: f64,
+    walked: Walked,
     /// Work, in steps.
     pub(crate) steps: u64,
 }
@@ -456,6 +457,12 @@ impl Cast {
         } else {
             0.0
         }
+    }
+
+    /// Adds the work of segments down the tree beyond the usual one.
+    fn add_walked(&mut self, walked: Walked) {
+        self.steps += walked.more_steps() - self.walked.more_steps();
+        self.walked = walked;
     }
 }
 
@@ -721,7 +728,7 @@ impl Shaft {
         let mut batch = RayBatch::new();
         let mut drawn = DrawnSegments::new();
         let mut stopped = [0; RAYS];
-        let mut segments = pair.segments(obstacles);
+        let mut segments = pair.segments(obstacles, cast);
         let steps = self.steps_a_batch(pair);
         while cast.drawn < wanted {
             cast.steps += steps;
@@ -753,7 +760,7 @@ impl Shaft {
             cast.squared_weight += squares;
             cast.drawn += RAYS;
         }
-        cast.steps += segments.more_steps;
+        cast.add_walked(segments.walked);
         cast.drawn
     }
 }
@@ -784,7 +791,7 @@ impl Shaft {
         let mut filled = 0;
         // The round of each ray of the batch: those of one point.
         let mut rounds = [0; RAYS];
-        let mut segments = pair.segments(obstacles);
+        let mut segments = pair.segments(obstacles, cast);
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
                 bound_projections_by(
@@ -841,7 +848,7 @@ impl Shaft {
                 break;
             }
         }
-        cast.steps += segments.more_steps;
+        cast.add_walked(segments.walked);
         if filled > 0 {
             self.count(pair, &mut batch, &rounds[..filled], cast);
         }
