@@ -1,5 +1,5 @@
-//! Rays that measure shares, on a device: rows are those of the processor's rays, to the bit, and few rays are left to
-//! it.
+//! Rays that measure shares and segments of pairs, on a device: rows are those of the processor's, to the bit, and few
+//! are left to it.
 
 use glam::DVec3;
 use hemicube::Model;
@@ -23,8 +23,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Share of the rays that may be left to the processor.
 const MOST_DOUBTFUL: f64 = 0.05;
 
-/// Rays that were cast, and those that were doubtful.
-type Counts = Arc<[AtomicU64; 2]>;
+/// Rays of shares that were cast, those that were doubtful, and the same of pairs.
+type Counts = Arc<[AtomicU64; 4]>;
+
+/// Length of the rays of shares.
+const FAR: f64 = 4.0;
 
 /// A session whose answers to rays are counted.
 struct Counted(Box<dyn HemicubeBackend>, Counts);
@@ -49,7 +52,10 @@ impl HemicubeBackend for Counted {
     fn rays(&mut self, rays: &Rays<'_>) -> Result<Vec<u32>, BackendError> {
         let met = self.0.rays(rays)?;
         let doubtful = met.iter().filter(|&&met| met == Rays::DOUBTFUL).count();
-        for (count, more) in self.1.iter().zip([met.len(), doubtful]) {
+        let [start, end] = rays.ends[0];
+        let is_share = ((end - start).length() - FAR).abs() < 1e-9;
+        let counts = if is_share { &self.1[..2] } else { &self.1[2..] };
+        for (count, more) in counts.iter().zip([met.len(), doubtful]) {
             count.fetch_add(more as u64, Ordering::Relaxed);
         }
         Ok(met)
@@ -57,12 +63,11 @@ impl HemicubeBackend for Counted {
 }
 
 /// Some rows of a scene at 0.3 %, by a plugin with these options, and its rays.
-fn rows(name: &str, options: &[&str], model: &Model, threads: usize) -> (Vec<Part>, [u64; 2]) {
+fn rows(name: &str, options: &[&str], model: &Model, some: RowChoice, threads: usize) -> (Vec<Part>, [u64; 4]) {
     let session = try_session(&rust(name), options).expect("it opened before");
     let counts = Counts::default();
     let backend = Box::new(Counted(Box::new(session), Arc::clone(&counts)));
     let rung = Rung::tolerance(3e-3);
-    let some = RowChoice::Sample { count: 12, seed: 1 };
     let plan = Plan::new(model, some, Selection::default(), 1, true).with_correction(rung.correction);
     let execution = Execution {
         threads,
@@ -70,7 +75,7 @@ fn rows(name: &str, options: &[&str], model: &Model, threads: usize) -> (Vec<Par
         cancel: None,
     };
     let (parts, _) = parts(model, &plan, settings(rung.resolution), backend, execution).expect("a sound run");
-    (parts, [0, 1].map(|k| counts[k].load(Ordering::Relaxed)))
+    (parts, [0, 1, 2, 3].map(|k| counts[k].load(Ordering::Relaxed)))
 }
 
 fn casts_rays_to_the_bit(name: &str, options: &[&str]) {
@@ -82,24 +87,68 @@ fn casts_rays_to_the_bit(name: &str, options: &[&str]) {
     ) {
         return;
     }
-    for (scene, model) in [
-        ("city", generated(Kind::City, 600)),
-        ("towers", generated(Kind::BlockCity, 6_000)),
-        ("box", self::model(generate::cornell_box_open(), Subdivision::Levels(2))),
+    let sample = RowChoice::Sample { count: 12, seed: 1 };
+    // Rows of the room, whose pairs see each other through leaves.
+    let walls = RowChoice::Range { start: 0, end: 12 };
+    let cut = Subdivision::Levels(2);
+    for (scene, model, some, [rays, segments]) in [
+        ("city", generated(Kind::City, 600), sample, [5_000, 0]),
+        ("towers", generated(Kind::BlockCity, 6_000), sample, [5_000, 0]),
+        (
+            "box",
+            self::model(generate::cornell_box_open(), cut),
+            sample,
+            [5_000, 0],
+        ),
+        ("foliage", self::model(foliage(), Subdivision::None), walls, [0, 5_000]),
     ] {
-        let (without, none) = rows(name, options, &model, 1);
-        assert_eq!(none, [0, 0], "rays are cast by the device only where it is asked to");
+        let (without, none) = rows(name, options, &model, some, 1);
+        assert_eq!(none, [0; 4], "rays are cast by the device only where it is asked to");
         let with_rays = [options, &["rays=on"]].concat();
-        let (with, [cast, doubtful]) = rows(name, &with_rays, &model, 2);
+        let (with, counts) = rows(name, &with_rays, &model, some, 2);
         assert!(with == without, "{name}, {scene}: rays change rows");
-        let share = doubtful as f64 / cast as f64;
-        say(&format!("{name}, {scene}: {cast} rays, {share:.1e} of them doubtful"));
-        assert!(
-            cast > 5_000 && share < MOST_DOUBTFUL,
-            "{name}, {scene}: {doubtful} of {cast}"
-        );
+        let [cast, doubtful, of_pairs, doubtful_of_pairs] = counts;
+        for (what, cast, doubtful, least) in [
+            ("rays", cast, doubtful, rays),
+            ("segments", of_pairs, doubtful_of_pairs, segments),
+        ] {
+            let share = doubtful as f64 / cast.max(1) as f64;
+            say(&format!("{name}, {scene}: {cast} {what}, {share:.1e} of them doubtful"));
+            assert!(
+                cast >= least && share < MOST_DOUBTFUL,
+                "{name}, {scene}: {doubtful} of {cast} {what}"
+            );
+        }
     }
     the_program_casts_rays_to_the_bit(name);
+}
+
+/// A room full of leaves: more than a shaft lists lie between its walls.
+fn foliage() -> Scene {
+    let mut scene = generate::room(2).expect("a room");
+    let corners = || scene.triangles.iter().flat_map(|triangle| triangle.corners);
+    let low = corners().fold(DVec3::INFINITY, DVec3::min);
+    let size = corners().fold(DVec3::NEG_INFINITY, DVec3::max) - low;
+    // Numbers that fill a cube evenly (Kronecker's sequence, by roots of primes).
+    let point = |k: u32, primes: [f64; 3]| DVec3::from_array(primes.map(|p| (p.sqrt() * f64::from(k + 1)).fract()));
+    let leaf = |k: u32| {
+        let middle = 0.1 + 0.8 * point(k, [2.0, 3.0, 5.0]);
+        let corner = |primes| low + size * (middle + 0.04 * (point(k, primes) - 0.5));
+        Triangle {
+            corners: [
+                corner([7.0, 11.0, 13.0]),
+                corner([17.0, 19.0, 23.0]),
+                corner([29.0, 31.0, 37.0]),
+            ],
+            object: 0,
+            material: 0,
+            face: 0,
+            two_sided: true,
+        }
+    };
+    let leaves: Vec<_> = (0..3_000).map(leaf).collect();
+    scene.triangles.extend(leaves);
+    scene
 }
 
 /// What a device answers to a ray past thin diagonal triangles, all of whose boxes the ray passes through.

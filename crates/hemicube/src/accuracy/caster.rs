@@ -17,7 +17,6 @@ impl<'s> Caster<'s> {
     }
 
     /// The processor alone.
-    #[cfg(test)]
     pub(crate) fn none() -> Self {
         Self {
             session: None,

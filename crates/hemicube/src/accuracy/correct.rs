@@ -433,7 +433,14 @@ impl<'c> Converter<'c> {
         let finish = |refiner: &mut Refiner<'_>, balance: &mut SumBalance<'_, '_, _>, is_strict: bool| {
             let (model, emitter) = (balance.model, balance.emitter);
             let usual = refiner.make_strict(is_strict);
-            let mut refined = refiner.row(model, emitter, seen(), attempt.is_large, &balance.receives);
+            let mut refined = refiner.row(
+                model,
+                emitter,
+                seen(),
+                attempt.is_large,
+                &balance.receives,
+                balance.caster,
+            );
             refiner.set(usual);
             let mut row = std::mem::take(&mut refiner.pairs);
             if adds_up {

@@ -21,6 +21,7 @@ mod prove;
 pub(crate) mod sums;
 
 use crate::Model;
+use crate::accuracy::caster::Caster;
 use crate::accuracy::error_model::{
     CLASSES, ErrorContribution, FRACTIONS_SHARE, GROUPS, MEASURED_FROM, NEAR_RAY, PriorCell, PriorSums, PriorVariances,
     REACH, ROW_SUM, RayGain, TREE_RAY, class_of, multiplier_for, nearness_of, variance_of_rays,
@@ -28,6 +29,7 @@ use crate::accuracy::error_model::{
 use crate::accuracy::ladder;
 use crate::accuracy::row::Emitter;
 use crate::accuracy::spread::Spread;
+use crate::backend::Rays;
 use crate::bvh::Tree;
 use crate::factor::{self, Exchanges, FactorRule};
 use crate::geometry::{area, centroid, cross};
@@ -419,6 +421,7 @@ impl<'c> Refiner<'c> {
         seen: impl Iterator<Item = (u32, f64)>,
         is_large: bool,
         receives: impl Fn(u32) -> bool,
+        caster: &mut Caster<'_>,
     ) -> Refined {
         let emitter = &Emitter::new(model, emitter);
         if self.refinement.each {
@@ -429,7 +432,7 @@ impl<'c> Refiner<'c> {
         let most_steps = self.refinement.most_steps();
         if is_large {
             let tolerance = self.refinement.tolerance * self.refinement.effort;
-            let mut refined = self.measure_all(emitter, tolerance, most_steps);
+            let mut refined = self.measure_all(emitter, tolerance, most_steps, caster);
             self.pairs.sort_unstable_by_key(|pair| pair.patch);
             refined.squared_norm = self.squared_norm();
             return refined;
@@ -438,7 +441,7 @@ impl<'c> Refiner<'c> {
         let limits = self.limits(budget, most_steps);
         let mut refined = Refined::default();
         self.find_probes(emitter.number());
-        self.measure(emitter, limits, &mut refined);
+        self.measure(emitter, limits, &mut refined, caster);
         if self.refinement.proves {
             self.prove_seen(emitter, most_steps, &mut refined);
         }
@@ -675,7 +678,7 @@ impl<'c> Refiner<'c> {
     }
 
     /// Measures the fractions of the pairs whose z √d exceeds `limits.least`, and of the probes.
-    fn measure(&mut self, emitter: &Emitter<'_>, limits: Limits, refined: &mut Refined) {
+    fn measure(&mut self, emitter: &Emitter<'_>, limits: Limits, refined: &mut Refined, caster: &mut Caster<'_>) {
         // Where one point stands badly for a patch, all fractions of a group are off at once. So some pairs of each
         // group are measured in any case, and if they are off, so may be others.
         let mut found = [GroupErrors::default(); GROUPS];
@@ -706,7 +709,7 @@ impl<'c> Refiner<'c> {
                 }
                 let (group, contribution) = (self.pairs[place].cell.group(), self.contributions[place]);
                 let before = self.pairs[place].fraction;
-                self.measure_pair(emitter, place, limits, refined);
+                self.measure_pair(emitter, place, limits, refined, caster);
                 let pair = &self.pairs[place];
                 found[group].squared += (pair.unoccluded * (pair.fraction - before)).powi(2);
                 found[group].expected += contribution.own * contribution.own;
@@ -747,7 +750,14 @@ impl<'c> Refiner<'c> {
     }
 
     /// Measures the fraction of a pair, or takes it over from an earlier attempt at the row.
-    fn measure_pair(&mut self, emitter: &Emitter<'_>, place: usize, limits: Limits, refined: &mut Refined) {
+    fn measure_pair(
+        &mut self,
+        emitter: &Emitter<'_>,
+        place: usize,
+        limits: Limits,
+        refined: &mut Refined,
+        caster: &mut Caster<'_>,
+    ) {
         let patch = self.pairs[place].patch;
         let before = self.measured[..self.measured_before].binary_search_by_key(&patch, |measured| measured.patch);
         if let Ok(at) = before {
@@ -765,7 +775,7 @@ impl<'c> Refiner<'c> {
             multiplier: limits.multiplier,
             steps: limits.steps.saturating_sub(refined.steps),
         };
-        let cost = self.measure_anew(emitter, place, allowed);
+        let cost = self.measure_anew(emitter, place, allowed, caster);
         refined.add(cost);
         let pair = &self.pairs[place];
         self.measured.push(Measured {
@@ -779,7 +789,13 @@ impl<'c> Refiner<'c> {
 
     /// Measures the fraction of a pair: by proof, by rays, or exactly from points. Returns its error and cost. A pair
     /// that meets its allowance keeps what its rays and points so far say, by their error.
-    fn measure_anew(&mut self, emitter: &Emitter<'_>, place: usize, allowed: Allowance) -> Refined {
+    fn measure_anew(
+        &mut self,
+        emitter: &Emitter<'_>,
+        place: usize,
+        allowed: Allowance,
+        caster: &mut Caster<'_>,
+    ) -> Refined {
         let mut refined = Refined::default();
         let regions = CoplanarRegions::of(emitter.model);
         let obstacles = Obstacles::new(emitter.model, &regions);
@@ -813,8 +829,13 @@ impl<'c> Refiner<'c> {
         };
         let mut cast = Cast::default();
         let mut next = if triangles.is_near { 2 * RAYS } else { RAYS };
+        let is_there = caster.is_there();
         let (rays, spread) = loop {
-            let rays = self.shaft.cast(obstacles, &triangles, next, seed, &mut cast);
+            let mut ask = |rays: &Rays<'_>| caster.cast(rays);
+            let ask = is_there.then_some(&mut ask as &mut dyn FnMut(&Rays<'_>) -> Vec<u32>);
+            let rays = self
+                .shaft
+                .cast_asking(obstacles, &triangles, next, seed, &mut cast, ask);
             let smooth = smoothed(cast.fraction().unwrap_or(0.5), rays as f64);
             let gain = self.refinement.gain.factor();
             let parts = cast.deviations(&triangles);

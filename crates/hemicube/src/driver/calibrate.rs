@@ -18,6 +18,7 @@
 
 mod grouped;
 
+use crate::accuracy::caster::Caster;
 use crate::accuracy::correct::fraction;
 use crate::accuracy::error_model::PriorSums;
 use crate::accuracy::refine::{Pair, Refined, Refinement, Refiner, exact};
@@ -279,7 +280,14 @@ impl Sample<'_> {
         for k in 0..count {
             self.go_on()?;
             norm += refiner
-                .row(model, self.rows[k], self.seen(k), false, self.receivers(k))
+                .row(
+                    model,
+                    self.rows[k],
+                    self.seen(k),
+                    false,
+                    self.receivers(k),
+                    &mut Caster::none(),
+                )
                 .squared_norm;
             if self.grouping.is_some() {
                 rows.push(self.of_patches(values(&refiner.pairs)));
@@ -328,7 +336,14 @@ impl Sample<'_> {
         for chunk in spread(self.tried.len()).chunks(CHUNK) {
             let places: Vec<usize> = chunk.iter().map(|&n| self.tried[n]).collect();
             let found = side_by_side(self.execution, refinement, &places, |refiner, k| {
-                refiner.row(self.model, self.rows[k], self.seen(k), false, self.receivers(k))
+                refiner.row(
+                    self.model,
+                    self.rows[k],
+                    self.seen(k),
+                    false,
+                    self.receivers(k),
+                    &mut Caster::none(),
+                )
             });
             self.go_on()?;
             steps += found.iter().map(|refined| refined.steps).sum::<u64>();

@@ -4,16 +4,22 @@
 //! Against a list, a ray costs the list's length; down the tree, the tree's depth. So a ray's cost is bounded whatever
 //! lies between the two. All is in f64: what lies a hair from one of the two planes needs no list of its own, unlike
 //! with rays in f32.
+//!
+//! A device may answer them, as rays from the emitter that go on beyond the receiver: where it is certain that the
+//! receiver is the first surface on one, nothing stops the segment. Those of a listed shaft are not asked for, because they
+//! take 20 to 40 ns each, about as long as handing them over, and are in f32 themselves, with errors of their own.
 
 use crate::Model;
-use crate::backend::Surface;
-use crate::bvh::{Block, INNER, LANES, Tree, UNUSED};
+use crate::backend::{Rays, Surface};
+use crate::bvh::{Block, Bounds, INNER, LANES, Tree, UNUSED};
+use crate::face::Items;
 use crate::geometry::{self, Plane};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::shaft::STEPS_A_SEGMENT;
 use crate::visibility::wide::{Pending, WideTree};
 use glam::DVec3;
+use hemicube_scene::InputPatch;
 
 /// Everything in a scene that occludes.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +50,10 @@ pub(crate) struct Segments<'a> {
     pending: Pending,
     /// The block that stopped the segment before: it often stops the next.
     last: Option<u32>,
+    /// Rays for a device, where segments are only listed.
+    listed: Option<Vec<[DVec3; 2]>>,
+    /// A device's answers to the segments after the first [`TOLD`].
+    given: std::vec::IntoIter<u32>,
     /// The segments of the pair so far, those of earlier rungs among them.
     pub(crate) walked: Walked,
 }
@@ -51,6 +61,18 @@ pub(crate) struct Segments<'a> {
 /// Segments that tell what the others of a pair cost, whoever answers those. As many as shares are told by, see
 /// `accuracy::ray_shares`: more leave less to a device, of fewer a device would get batches too small to fill it.
 pub(crate) const TOLD: u64 = 256;
+
+/// Length of a ray that is to meet a segment's end, in lengths of the segment. A choice: with less, what rounds meets the
+/// end of the ray, too; with more, rays go on in vain where they miss the receiver by rounding.
+const BEYOND: f64 = 2.0;
+/// Sine of the angle to either plane up to which a device is not believed: surfaces of one plane are a tolerance apart, and
+/// [`Rays::TIE`] tells them from each other from 5 · 10⁻⁵ on.
+const FLATTEST: f64 = 1e-4;
+/// Height above the emitter's plane up to which its own region is flat. A choice: far below what f32 tells from the plane,
+/// 10⁻⁶; with less, patches whose corners are rounded are the processor's.
+const LEVEL: f64 = 1e-7;
+/// Distance from the emitter within which a segment rises a tolerance at the flattest: 10⁻¹⁰ ÷ [`FLATTEST`].
+const BESIDE: f64 = 1e-6;
 
 /// Segments down the tree, and their work.
 #[derive(Clone, Copy, Debug, Default)]
@@ -90,14 +112,114 @@ impl<'a> Segments<'a> {
             tolerance: obstacles.regions.tree.plane_tolerance,
             pending: Pending::new(),
             last: None,
+            listed: None,
+            given: Vec::new().into_iter(),
             walked,
         }
+    }
+
+    /// Lists segments from now on, and stops none.
+    pub(crate) fn listing(mut self) -> Self {
+        self.listed = Some(Vec::new());
+        self
+    }
+
+    /// The rays that were listed.
+    pub(crate) fn listed(self) -> Vec<[DVec3; 2]> {
+        self.listed.unwrap_or_default()
+    }
+
+    /// Takes a device's answers to the segments after the first [`TOLD`], see [`Self::listing`].
+    pub(crate) fn give(&mut self, answers: Vec<u32>) {
+        self.given = answers.into_iter();
+    }
+
+    /// Rays of an emitter's patch for a device.
+    pub(crate) fn rays<'r>(&self, emitter: InputPatch, ends: &'r [[DVec3; 2]]) -> Rays<'r> {
+        let Plane { normal, offset } = self.planes[0];
+        Rays {
+            emitter,
+            normal,
+            offset,
+            ends,
+        }
+    }
+
+    /// Returns whether a device, which knows surfaces and no regions, answers for the regions, too: not where the
+    /// emitter's own region rises above its plane, as its back has no name, nor where one that rises lies on the emitter,
+    /// as a piece of it may not rise.
+    pub(crate) fn can_be_given(&self, emitter: &[DVec3; 3]) -> bool {
+        let (regions, plane) = (self.obstacles.regions, &self.planes[0]);
+        let is_flat = |p: &DVec3| plane.height(*p).abs() <= LEVEL;
+        if !regions.corners(self.own[0]).iter().all(is_flat) {
+            return false;
+        }
+        let tree = &regions.tree;
+        let own = Bounds::of(*emitter);
+        let mut pending = vec![0u32];
+        while let Some(index) = pending.pop() {
+            let node = &tree.nodes[index as usize];
+            let (low, high) = (node.center - node.half - BESIDE, node.center + node.half + BESIDE);
+            if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
+                continue;
+            }
+            if node.block == INNER {
+                if node.child > 0 {
+                    pending.extend([node.child, node.child + 1]);
+                }
+                continue;
+            }
+            let block = &tree.blocks[node.block as usize];
+            let lies_on = |l: usize| {
+                let triangle = block.triangle(l);
+                let heights = triangle.map(|p| plane.height(p));
+                let normal = geometry::cross(&triangle);
+                let rises = heights.iter().any(|&h| h > self.tolerance) && heights.iter().any(|&h| h <= LEVEL);
+                rises && normal.cross(plane.normal).length() <= FLATTEST * normal.length()
+            };
+            let is_other = |l: usize| block.negative[l] != UNUSED && block.negative[l] != self.own[0];
+            if (0..LANES).filter(|&l| is_other(l)).any(lies_on) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Returns whether an answer says that a segment from a point of the emitter to one of the receiver is stopped;
+    /// `None` if it leaves that open.
+    fn is_stopped_by(&self, answer: u32, from: DVec3, at: DVec3) -> Option<bool> {
+        let way = at - from;
+        let is_flat = |plane: &Plane| plane.normal.dot(way).abs() < FLATTEST * way.length();
+        if self.planes.iter().any(is_flat) {
+            return None;
+        }
+        if answer == self.receiver {
+            return Some(false);
+        }
+        let is_other = || {
+            let region = self.obstacles.regions.of_patch.get(answer as usize);
+            region.is_some_and(|region| !self.own.contains(region))
+        };
+        (answer == Items::BLOCKED || is_other()).then_some(true)
     }
 
     /// Returns whether a region crosses the segment from `start` to `end`, or hides `at`, its end on the receiver, by
     /// lying in the receiver's plane and being seen before it. Walks down the tree along the segment.
     pub(crate) fn is_stopped(&mut self, start: DVec3, end: DVec3, at: DVec3) -> bool {
         self.walked.segments += 1;
+        if self.walked.segments > TOLD {
+            let from = if at == end { start } else { end };
+            if let Some(listed) = &mut self.listed {
+                listed.push([from, from + (at - from) * BEYOND]);
+            } else if let Some(answer) = self.given.next()
+                && let Some(is_stopped) = self.is_stopped_by(answer, from, at)
+            {
+                return is_stopped;
+            }
+        }
+        if self.listed.is_some() {
+            return false;
+        }
         let wide = &self.obstacles.regions.wide;
         let segment = Segment::new(start, end, self.tolerance);
         if let Some(block) = self.last

@@ -13,15 +13,16 @@
 //!
 //! Work is counted in [`crate::steps`].
 
-use crate::backend::Surface;
+use crate::backend::{Rays, Surface};
 use crate::bvh::{INNER, LANES, Tree, UNUSED, overlap};
 use crate::geometry::{self, Plane, Sphere, in_front};
 use crate::sampling::sobol::{self, Sequence, fold};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
 use crate::steps;
 use crate::visibility::coplanar::CoplanarRegions;
-use crate::visibility::segments::{HAIR, Obstacles, Segments, Walked};
+use crate::visibility::segments::{HAIR, Obstacles, Segments, TOLD, Walked};
 use glam::DVec3;
+use hemicube_scene::InputPatch;
 use std::ops::Range;
 
 /// Rays cast together.
@@ -65,6 +66,10 @@ const STEPS_A_DRAW: u64 = 120;
 
 /// Bound of the triangles that a shaft lists: a ray tested against more of them costs more than its way down the tree.
 const MOST_LISTED: u32 = 256;
+
+/// Segments of a batch for a device at least. A choice, as for shares: of fewer, handing them over takes longer than they
+/// do.
+const LEAST_ASKED: usize = TOLD as usize;
 
 /// Bound of the directions drawn for each ray that is wanted between near patches. A choice: with fewer, pairs that few
 /// directions meet keep the centroid's fraction; with more, they cost more than points do.
@@ -245,6 +250,7 @@ pub(crate) struct TrianglePair {
     pub(crate) is_crowded: bool,
     /// The coplanar regions of the two.
     own_regions: [u32; 2],
+    emitter_patch: u32,
     receiver_patch: u32,
     /// Planes of the emitter and the receiver, relative to `origin`.
     planes: [Plane; 2],
@@ -530,6 +536,7 @@ impl Shaft {
             is_occluded: false,
             is_crowded: false,
             own_regions: [i, j].map(|p| regions.of_patch[p as usize]),
+            emitter_patch: i,
             receiver_patch: j,
             planes,
             steps: 0,
@@ -687,7 +694,7 @@ impl Shaft {
     }
 
     /// Casts rays of a sequence until they are worth `wanted` (a multiple of 16), the same in both directions of a
-    /// pair; returns what they are worth. Between near patches, [`Self::cast_directions`], otherwise
+    /// pair; returns what they are worth. Between near patches, [`Self::directions_with`], otherwise
     /// [`Self::cast_segments`].
     pub(crate) fn cast(
         &self,
@@ -697,12 +704,42 @@ impl Shaft {
         seed: u64,
         cast: &mut Cast,
     ) -> usize {
+        self.cast_asking(obstacles, pair, wanted, seed, cast, None)
+    }
+
+    /// [`Self::cast`], where `ask` answers the rays of a crowded shaft beyond the first 256, if there are at least as
+    /// many.
+    pub(crate) fn cast_asking(
+        &self,
+        obstacles: Obstacles<'_>,
+        pair: &TrianglePair,
+        wanted: usize,
+        seed: u64,
+        cast: &mut Cast,
+        ask: Option<&mut dyn FnMut(&Rays<'_>) -> Vec<u32>>,
+    ) -> usize {
         let before = cast.steps;
-        let worth = if pair.is_near {
-            self.cast_directions(obstacles, pair, wanted, seed, cast)
-        } else {
-            self.cast_segments(obstacles, pair, wanted, seed, cast)
+        let with = |cast: &mut Cast, segments: &mut Segments<'_>| {
+            if pair.is_near {
+                self.directions_with(pair, wanted, seed, cast, segments)
+            } else {
+                self.segments_with(pair, wanted, seed, cast, segments)
+            }
         };
+        let mut segments = pair.segments(obstacles, cast);
+        if let Some(ask) = ask
+            && pair.is_crowded
+            && wanted >= 2 * LEAST_ASKED
+            && segments.can_be_given(&pair.emitter.map(|p| p + pair.origin))
+        {
+            let mut listing = pair.segments(obstacles, cast).listing();
+            with(&mut { *cast }, &mut listing);
+            let ends = listing.listed();
+            if ends.len() >= LEAST_ASKED {
+                segments.give(ask(&segments.rays(InputPatch(pair.emitter_patch), &ends)));
+            }
+        }
+        let worth = with(cast, &mut segments);
         steps::add(cast.steps - before);
         worth
     }
@@ -716,6 +753,17 @@ impl Shaft {
         seed: u64,
         cast: &mut Cast,
     ) -> usize {
+        self.segments_with(pair, wanted, seed, cast, &mut pair.segments(obstacles, cast))
+    }
+
+    fn segments_with(
+        &self,
+        pair: &TrianglePair,
+        wanted: usize,
+        seed: u64,
+        cast: &mut Cast,
+        segments: &mut Segments<'_>,
+    ) -> usize {
         let (small, large) = pair.by_size();
         let normal = geometry::cross;
         let span = |t: &[DVec3; 3]| [t[0], t[1] - t[0], t[2] - t[0]].map(|p| p.to_array());
@@ -728,7 +776,6 @@ impl Shaft {
         let mut batch = RayBatch::new();
         let mut drawn = DrawnSegments::new();
         let mut stopped = [0; RAYS];
-        let mut segments = pair.segments(obstacles, cast);
         let steps = self.steps_a_batch(pair);
         while cast.drawn < wanted {
             cast.steps += steps;
@@ -737,7 +784,7 @@ impl Shaft {
             if pair.is_crowded {
                 for l in (0..RAYS).filter(|&l| batch.weight[l] > 0.0) {
                     let (small, large) = drawn.segment(l);
-                    batch.hit[l] = u32::from(pair.is_stopped(&mut segments, small, large));
+                    batch.hit[l] = u32::from(pair.is_stopped(segments, small, large));
                 }
             } else {
                 pair.mark_stopped(&drawn, &mut stopped);
@@ -772,13 +819,13 @@ impl Shaft {
     /// Directions are drawn from bounds of the other triangle's image on the unit disc and weighted with the bounds'
     /// area; those that meet the triangle count. Stops when they are worth `wanted` equal ones, (Σ w)² / Σ w², or at
     /// [`MOST_DRAWN`] directions each; returns their worth.
-    fn cast_directions(
+    fn directions_with(
         &self,
-        obstacles: Obstacles<'_>,
         pair: &TrianglePair,
         wanted: usize,
         seed: u64,
         cast: &mut Cast,
+        segments: &mut Segments<'_>,
     ) -> usize {
         let (small, large) = pair.by_size();
         let Some(sampler) = DirectionSampler::between(small, large, seed) else {
@@ -791,7 +838,6 @@ impl Shaft {
         let mut filled = 0;
         // The round of each ray of the batch: those of one point.
         let mut rounds = [0; RAYS];
-        let mut segments = pair.segments(obstacles, cast);
         loop {
             if cast.drawn.is_multiple_of(FROM_A_POINT * RAYS) {
                 bound_projections_by(
@@ -820,7 +866,7 @@ impl Shaft {
                 let weight = drawn.weight[l];
                 if pair.is_crowded {
                     cast.steps += STEPS_A_SEGMENT;
-                    let is_stopped = pair.is_stopped(&mut segments, x, y);
+                    let is_stopped = pair.is_stopped(segments, x, y);
                     cast.sums.add(weight, !is_stopped);
                     cast.parts.of(round).add(weight, !is_stopped);
                     cast.weight += weight;
@@ -1516,6 +1562,8 @@ dispatch! {
 mod tests {
     use super::*;
     use crate::accuracy::spread::Spread;
+    use crate::backend::Geometry;
+    use crate::face::Items;
     use crate::geometry::area;
     use crate::model::tests::one_sided;
     use crate::sampling::splitmix;
@@ -1796,6 +1844,102 @@ mod tests {
         assert!(partly > 200 && near > 20, "{partly} pairs partly visible, {near} near");
     }
 
+    /// What a ray certainly meets, in f64, by surfaces alone.
+    fn met(geometry: &Geometry, rays: &Rays<'_>, [start, end]: [DVec3; 2]) -> u32 {
+        let tie = Rays::TIE * geometry.plane_tolerance / (end - start).length();
+        let (mut first, mut others) = ((f64::INFINITY, Items::ESCAPED), f64::INFINITY);
+        for surface in &geometry.surfaces {
+            let height = |p: DVec3| rays.normal.dot(p) - rays.offset;
+            let is_own = surface.front == rays.emitter || surface.back == Some(rays.emitter);
+            let [a, b, c] = surface.corners;
+            if is_own || height(a).max(height(b)).max(height(c)) <= geometry.plane_tolerance {
+                continue;
+            }
+            let normal = geometry::cross(&surface.corners);
+            let [at_start, at_end] = [start, end].map(|p| normal.dot(p - a));
+            let (place, along) = (at_start / (at_start - at_end), end - start);
+            let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| (q - start).cross(p - start).dot(along));
+            let edge = 1e-6 * (sides[0] + sides[1] + sides[2]).abs();
+            let is_inside = |edge: f64| sides.iter().all(|&s| s >= edge) || sides.iter().all(|&s| s <= -edge);
+            if !is_inside(-edge) || !(-1e-6..=1.0 + 1e-6).contains(&place) {
+                continue;
+            }
+            if is_inside(edge) && (1e-6..1.0 - 1e-6).contains(&place) && place < first.0 {
+                others = others.min(first.0);
+                let back = surface.back.map_or(Items::BLOCKED, |patch| patch.0);
+                first = (place, if at_start > 0.0 { surface.front.0 } else { back });
+            } else {
+                others = others.min(place);
+            }
+        }
+        if others <= first.0 + tie {
+            Rays::DOUBTFUL
+        } else {
+            first.1
+        }
+    }
+
+    /// Who answers segments changes neither sums nor steps.
+    #[test]
+    fn a_device_stops_the_segments_that_the_tree_stops() {
+        let model = city(5, 2);
+        let regions = CoplanarRegions::of(&model);
+        let obstacles = obstacles(&model, &regions);
+        let count = u64::try_from(model.patches().len()).expect("a number");
+        let (mut state, mut partly, mut near) = (3, 0, 0);
+        let mut answers = [0; 3];
+        while partly < 60 || near < 4 {
+            let ids = [0, 1].map(|_| u32::try_from(splitmix::next(&mut state) % count).expect("a patch"));
+            let [emitter, receiver] = ids.map(|patch| model.normalised_corners(patch));
+            let mut shaft = Shaft::default();
+            let mut pair = shaft.pair(
+                obstacles,
+                PatchTriangle::new(ids[0], &emitter),
+                PatchTriangle::new(ids[1], &receiver),
+            );
+            if pair.is_occluded || pair.is_unoccluded() {
+                continue;
+            }
+            pair.is_crowded = true;
+            let [mut without, mut with] = [Cast::default(); 2];
+            let mut ask = |rays: &Rays<'_>| {
+                assert!(rays.emitter.0 == ids[0] && rays.ends.len() >= LEAST_ASKED);
+                let met: Vec<u32> = rays
+                    .ends
+                    .iter()
+                    .map(|&ends| met(model.geometry(), rays, ends))
+                    .collect();
+                for answer in &met {
+                    answers[if *answer == ids[1] {
+                        0
+                    } else {
+                        1 + usize::from(*answer == Rays::DOUBTFUL)
+                    }] += 1;
+                }
+                met
+            };
+            for rays in [RAYS, 256, 1024] {
+                shaft.cast(obstacles, &pair, rays, 1, &mut without);
+                shaft.cast_asking(obstacles, &pair, rays, 1, &mut with, Some(&mut ask));
+            }
+            let of = |cast: &Cast| {
+                (
+                    cast.sums.visible.to_bits(),
+                    cast.sums.all.to_bits(),
+                    cast.drawn,
+                    cast.steps,
+                )
+            };
+            assert_eq!(of(&with), of(&without), "{ids:?}");
+            let is_partly = with.fraction().is_some_and(|fraction| fraction > 0.0 && fraction < 1.0);
+            partly += usize::from(is_partly);
+            near += usize::from(is_partly && pair.is_near);
+        }
+        let [free, stopped, doubtful] = answers;
+        assert!(free > 10_000 && stopped > 10_000, "{answers:?}");
+        assert!(doubtful * 100 < free + stopped, "{answers:?}");
+    }
+
     /// Sixteen thousand triangles in one place: a segment to the one that is seen passes the blocks of all, and its
     /// steps say so. Found in a room with twenty thousand, a row of which did not end.
     #[test]
@@ -1891,7 +2035,8 @@ mod tests {
             let obstacles = obstacles(&model, &regions);
             let pair = shaft.pair(obstacles, PatchTriangle::new(0, &small), PatchTriangle::new(1, &large));
             let mut cast = Cast::default();
-            shaft.cast_directions(obstacles, &pair, 1 << 13, 5, &mut cast);
+            let mut segments = pair.segments(obstacles, &cast);
+            shaft.directions_with(&pair, 1 << 13, 5, &mut cast, &mut segments);
             let across = (large[1] - large[0]).cross(large[2] - large[0]).normalize();
             let from = in_front(&small, large[0], across, 0.0).expect("it sees something");
             let part: f64 = (1..from.corners().len() - 1)

@@ -10,6 +10,7 @@
 
 use super::sums::NEXT;
 use super::{Allowance, Refined, Refiner, STEPS_A_PAIR, smoothed};
+use crate::accuracy::caster::Caster;
 use crate::accuracy::error_model::{FRACTIONS_SHARE, NEAR_RAY, TREE_RAY, rays_for, variance_of_rays};
 use crate::accuracy::row::Emitter;
 use crate::visibility::shaft::RAYS;
@@ -35,7 +36,13 @@ pub(super) fn least_factor(unoccluded: impl Iterator<Item = f64>) -> f64 {
 impl Refiner<'_> {
     /// Measures the row's pairs within `most_steps`, those with the largest unoccluded form factors first: all with a
     /// few rays, then with as many as leave Σ (F − true F)² ≤ `tolerance`² Σ F².
-    pub(super) fn measure_all(&mut self, emitter: &Emitter<'_>, tolerance: f64, most_steps: u64) -> Refined {
+    pub(super) fn measure_all(
+        &mut self,
+        emitter: &Emitter<'_>,
+        tolerance: f64,
+        most_steps: u64,
+        caster: &mut Caster<'_>,
+    ) -> Refined {
         let mut refined = Refined::default();
         for pair in &mut self.pairs {
             pair.per_area = 1.0 / emitter.area;
@@ -58,7 +65,7 @@ impl Refiner<'_> {
                 multiplier,
                 steps: most_steps - refined.steps,
             };
-            let mut cost = refiner.measure_anew(emitter, place, allowed);
+            let mut cost = refiner.measure_anew(emitter, place, allowed, caster);
             errors[place] = std::mem::take(&mut cost.squared_error);
             refined.add(cost);
             true

@@ -6,6 +6,7 @@
 //! variances: F + μ · variance for all pairs of the row, with one μ. Exact measurements stay.
 
 use super::{Allowance, Pair, Refined, Refiner, steps_beside};
+use crate::accuracy::caster::Caster;
 use crate::accuracy::closing::{Lacking, Uncertain, project};
 use crate::accuracy::row::Emitter;
 use crate::bvh::Tree;
@@ -83,7 +84,7 @@ impl Refiner<'_> {
                     multiplier: 0.0,
                     steps: most_steps - refined.steps,
                 };
-                refined.add(self.measure_anew(emitter, place, allowed));
+                refined.add(self.measure_anew(emitter, place, allowed, &mut Caster::none()));
                 looked_at += 1;
                 let pair = self.pairs[place];
                 if pair.fraction > 0.0 {
