@@ -39,7 +39,7 @@ use crate::visibility::coplanar::CoplanarRegions;
 use crate::visibility::exact::critical::CriticalCells;
 use crate::visibility::exact::{ExactVisibility, Precision};
 use crate::visibility::segments::Obstacles;
-use crate::visibility::shaft::{Cast, PatchTriangle, RAYS, Shaft};
+use crate::visibility::shaft::{Asked, Cast, PatchTriangle, RAYS, Shaft};
 use glam::DVec3;
 use hemicube_scene::InputPatch;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -832,7 +832,7 @@ impl<'c> Refiner<'c> {
         let is_there = caster.is_there();
         let (rays, spread) = loop {
             let mut ask = |rays: &Rays<'_>| caster.cast(rays);
-            let ask = is_there.then_some(&mut ask as &mut dyn FnMut(&Rays<'_>) -> Vec<u32>);
+            let ask = is_there.then_some(&mut ask as Asked<'_>);
             let rays = self
                 .shaft
                 .cast_asking(obstacles, &triangles, next, seed, &mut cast, ask);

@@ -60,7 +60,7 @@ pub(crate) struct Segments<'a> {
 
 /// Segments that tell what the others of a pair cost, whoever answers those. As many as shares are told by, see
 /// `accuracy::ray_shares`: more leave less to a device, of fewer a device would get batches too small to fill it.
-pub(crate) const TOLD: u64 = 256;
+pub(crate) const TOLD: usize = 256;
 
 /// Length of a ray that is to meet a segment's end, in lengths of the segment. A choice: with less, what rounds meets the
 /// end of the ray, too; with more, rays go on in vain where they miss the receiver by rounding.
@@ -77,7 +77,7 @@ const BESIDE: f64 = 1e-6;
 /// Segments down the tree, and their work.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Walked {
-    segments: u64,
+    segments: usize,
     /// Work of the first [`TOLD`] beyond [`STEPS_A_SEGMENT`] each, in steps.
     more_steps: u64,
 }
@@ -85,8 +85,8 @@ pub(crate) struct Walked {
 impl Walked {
     /// Work beyond [`STEPS_A_SEGMENT`] of each, in steps: that of the first [`TOLD`], and their mean for each further one.
     pub(crate) fn more_steps(&self) -> u64 {
-        let further = self.segments.saturating_sub(TOLD);
-        self.more_steps + further * (self.more_steps / TOLD)
+        let further = self.segments.saturating_sub(TOLD) as u64;
+        self.more_steps + further * (self.more_steps / TOLD as u64)
     }
 }
 

@@ -67,9 +67,12 @@ const STEPS_A_DRAW: u64 = 120;
 /// Bound of the triangles that a shaft lists: a ray tested against more of them costs more than its way down the tree.
 const MOST_LISTED: u32 = 256;
 
+/// Who answers rays beside the processor.
+pub(crate) type Asked<'a> = &'a mut dyn FnMut(&Rays<'_>) -> Vec<u32>;
+
 /// Segments of a batch for a device at least. A choice, as for shares: of fewer, handing them over takes longer than they
 /// do.
-const LEAST_ASKED: usize = TOLD as usize;
+const LEAST_ASKED: usize = TOLD;
 
 /// Bound of the directions drawn for each ray that is wanted between near patches. A choice: with fewer, pairs that few
 /// directions meet keep the centroid's fraction; with more, they cost more than points do.
@@ -716,7 +719,7 @@ impl Shaft {
         wanted: usize,
         seed: u64,
         cast: &mut Cast,
-        ask: Option<&mut dyn FnMut(&Rays<'_>) -> Vec<u32>>,
+        ask: Option<Asked<'_>>,
     ) -> usize {
         let before = cast.steps;
         let with = |cast: &mut Cast, segments: &mut Segments<'_>| {
