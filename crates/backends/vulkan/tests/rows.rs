@@ -48,7 +48,7 @@ fn rows_drawn_by_compute_are_the_cpu_s() {
 }
 
 #[test]
-#[ignore = "two minutes on a driver that renders on the processor: ./test --full"]
+#[ignore = "a minute and a half on a driver that renders on the processor: ./test --full"]
 fn rows_of_large_cities_drawn_by_compute_are_the_cpu_s() {
     if !is_there("vulkan", &vulkan("")) {
         return;

@@ -831,8 +831,9 @@ fn tell_rays(run: &Run<'_>, options: &[String], talk: Talk) {
     let name = &backend.name;
     if casts_rays(run) {
         talk.detail(&format!(
-            "`{name}` casts the rays beyond a patch's first 256 that measure what escapes and is blocked, and those beyond a \
-             pair's first 256 where more than 256 triangles are between; those that it cannot decide are the processor's"
+            "`{name}` casts the rays beyond a patch's first 256 that measure what escapes and is blocked, and those \
+             beyond a pair's first 256 where more than 256 triangles are between; those that it cannot decide are the \
+             processor's"
         ));
     } else if options.iter().any(|option| option == "rays=on") {
         talk.say(&format!(

@@ -40,8 +40,8 @@ impl Spread {
         }
     }
 
-    /// By the means of at least [`PARTS`] parts, of so many rays each; of fewer, all is taken for resolved. The part q is
-    /// the one that explains their variance, less the standard error that this has at q = 0: most rows have none.
+    /// By the means of at least [`PARTS`] parts, of so many rays each; of fewer, all is taken for resolved. The part q
+    /// is the one that explains their variance, less the standard error that this has at q = 0: most rows have none.
     pub(crate) fn of(means: &[f64], rays: f64, ray: f64, gain: f64) -> Self {
         let resolved = gain * variance_of_rays(rays);
         let more = 1.0 / rays - resolved;

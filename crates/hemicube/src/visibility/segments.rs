@@ -6,8 +6,8 @@
 //! with rays in f32.
 //!
 //! A device may answer them, as rays from the emitter that go on beyond the receiver: where it is certain that the
-//! receiver is the first surface on one, nothing stops the segment. Those of a listed shaft are not asked for, because they
-//! take 20 to 40 ns each, about as long as handing them over, and are in f32 themselves, with errors of their own.
+//! receiver is the first surface on one, nothing stops the segment. Those of a listed shaft are not asked for, because
+//! they take 20 to 40 ns each, about as long as handing them over, and are in f32 themselves, with errors of their own.
 
 use crate::Model;
 use crate::backend::{Rays, Surface};
@@ -62,14 +62,14 @@ pub(crate) struct Segments<'a> {
 /// `accuracy::ray_shares`: more leave less to a device, of fewer a device would get batches too small to fill it.
 pub(crate) const TOLD: usize = 256;
 
-/// Length of a ray that is to meet a segment's end, in lengths of the segment. A choice: with less, what rounds meets the
-/// end of the ray, too; with more, rays go on in vain where they miss the receiver by rounding.
+/// Length of a ray that is to meet a segment's end, in lengths of the segment. A choice: with less, what rounds meets
+/// the end of the ray, too; with more, rays go on in vain where they miss the receiver by rounding.
 const BEYOND: f64 = 2.0;
-/// Sine of the angle to either plane up to which a device is not believed: surfaces of one plane are a tolerance apart, and
-/// [`Rays::TIE`] tells them from each other from 5 · 10⁻⁵ on.
+/// Sine of the angle to either plane up to which a device is not believed: surfaces of one plane are a tolerance apart,
+/// and [`Rays::TIE`] tells them from each other from 5 · 10⁻⁵ on.
 const FLATTEST: f64 = 1e-4;
-/// Height above the emitter's plane up to which its own region is flat. A choice: far below what f32 tells from the plane,
-/// 10⁻⁶; with less, patches whose corners are rounded are the processor's.
+/// Height above the emitter's plane up to which its own region is flat. A choice: far below what f32 tells from the
+/// plane, 10⁻⁶; with less, patches whose corners are rounded are the processor's.
 const LEVEL: f64 = 1e-7;
 /// Distance from the emitter within which a segment rises a tolerance at the flattest: 10⁻¹⁰ ÷ [`FLATTEST`].
 const BESIDE: f64 = 1e-6;
@@ -83,7 +83,8 @@ pub(crate) struct Walked {
 }
 
 impl Walked {
-    /// Work beyond [`STEPS_A_SEGMENT`] of each, in steps: that of the first [`TOLD`], and their mean for each further one.
+    /// Work beyond [`STEPS_A_SEGMENT`] of each, in steps: that of the first [`TOLD`], and their mean for each further
+    /// one.
     pub(crate) fn more_steps(&self) -> u64 {
         let further = self.segments.saturating_sub(TOLD) as u64;
         self.more_steps + further * (self.more_steps / TOLD as u64)
@@ -146,8 +147,8 @@ impl<'a> Segments<'a> {
     }
 
     /// Returns whether a device, which knows surfaces and no regions, answers for the regions, too: not where the
-    /// emitter's own region rises above its plane, as its back has no name, nor where one that rises lies on the emitter,
-    /// as a piece of it may not rise.
+    /// emitter's own region rises above its plane, as its back has no name, nor where one that rises lies on the
+    /// emitter, as a piece of it may not rise.
     pub(crate) fn can_be_given(&self, emitter: &[DVec3; 3]) -> bool {
         let (regions, plane) = (self.obstacles.regions, &self.planes[0]);
         let is_flat = |p: &DVec3| plane.height(*p).abs() <= LEVEL;

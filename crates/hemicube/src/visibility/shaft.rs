@@ -70,8 +70,8 @@ const MOST_LISTED: u32 = 256;
 /// Who answers rays beside the processor.
 pub(crate) type Asked<'a> = &'a mut dyn FnMut(&Rays<'_>) -> Vec<u32>;
 
-/// Segments of a batch for a device at least. A choice, as for shares: of fewer, handing them over takes longer than they
-/// do.
+/// Segments of a batch for a device at least. A choice, as for shares: of fewer, handing them over takes longer than
+/// they do.
 const LEAST_ASKED: usize = TOLD;
 
 /// Bound of the directions drawn for each ray that is wanted between near patches. A choice: with fewer, pairs that few
