@@ -523,9 +523,13 @@ fn a_weather_file_lights_lawn_and_wall_by_its_sun_and_sky() {
 fn hours_of_clear_days_are_those_of_a_place() {
     let place = Place::new();
     place.write("no.epw", "time,x,y,z\n");
-    let made = place
-        .line("suns --location 52.52,13.405,34 --times 2026-06-21T12:00+02:00/2026-06-21T14:00+02:00/1h")
-        .is(0);
+    let line = "suns --location 52.52,13.405,34 --times 2026-06-21T12:00+02:00/2026-06-21T14:00+02:00/1h";
+    let made = place.line(line).is(0);
+    assert_eq!(
+        place.line(&format!("{line} -o -")).is(0).out,
+        made.out,
+        "`-` is standard output"
+    );
     let found = cells(&made.out);
     assert_eq!(found.len(), 3, "{}", made.out);
     // 58.15° high, 149.36° from north (pvlib); Ineichen's clear sky at turbidity 3.
