@@ -109,7 +109,9 @@ impl Prepared {
         for sentence in scene.ledger.sentences() {
             talk.warn(&sentence);
         }
-        if let Some(metres) = scene.metres_per_unit.filter(|metres| (metres - 1.0).abs() > 1e-9) {
+        // A scale that was given is the user's own.
+        let unit = scene.metres_per_unit.filter(|_| scene.settings.scale == 1.0);
+        if let Some(metres) = unit.filter(|metres| (metres - 1.0).abs() > 1e-9) {
             talk.warn(&format!(
                 "the file's unit is {metres} m, and its lengths are taken as they stand; heat in watts needs metres: \
                  `--scale {metres}`"

@@ -26,8 +26,8 @@ use hemicube_contract::bvh::{Bounds, INNER, LANES, Tree, UNUSED, overlap};
 use hemicube_contract::face::Items;
 use std::sync::Arc;
 
-/// Rays of a dispatch at most. A choice: buffers for more stay empty, as no patch casts more at once; fewer make more
-/// dispatches, each waited for.
+/// Rays of a dispatch at most. A choice: buffers for more mostly stay empty, as few rungs of a ladder add more; fewer
+/// make more dispatches, each waited for.
 pub const MOST_RAYS: usize = 1 << 17;
 /// Threads of a work group.
 pub const GROUP: u32 = 64;

@@ -762,7 +762,7 @@ impl<R: Fn(u32) -> bool> SumBalance<'_, '_, R> {
         let Some(mut found) = self.cast() else { return 0.0 };
         let count_of = |met: &[u32]| met.iter().filter(|&&patch| !sees(row, patch)).count() as f64;
         let mut count = count_of(&self.met);
-        // With a standard error of the count, and without one.
+        // With a standard error of the count more, and with one less.
         let may_be_much = |count: f64, found: &RayShares| count + count.sqrt() > permitted * found.rays() as f64;
         let is_much = |count: f64, found: &RayShares| count - count.sqrt() > permitted * found.rays() as f64;
         while may_be_much(count, &found) {

@@ -72,7 +72,7 @@ impl Spread {
     }
 
     /// About the number of rays n that minimises `ray` · n + `value` · error², see [`rays_for`]. What a ray is worth
-    /// follows from the number, which grows little with what it is worth: three rounds find it.
+    /// follows from the number, and changes little with it: three rounds find it.
     pub(crate) fn rays_worth(self, value: f64, ray: f64) -> f64 {
         let mut rays = rays_for(value * self.ray * self.gain, ray).max(1.0);
         if self.unresolved > 0.0 {

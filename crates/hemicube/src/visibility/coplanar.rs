@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// Distance of corners from the region's plane, at most, in parts of the tolerance by which patches are in one plane.
 const FLAT: f64 = 0.25;
 /// The same where pieces have no plane to that: 3·10⁻⁹ of the scene.
-const ROUGH: f64 = 32.0;
+pub(crate) const ROUGH: f64 = 32.0;
 /// Bound of the surfaces looked at for rough regions, for each surface of the scene.
 const MOST_LOOKED_AT: usize = 8;
 /// Bound of the surfaces held against rough regions, for each surface of the scene.

@@ -15,7 +15,7 @@ use crate::bvh::{Block, Bounds, INNER, LANES, Tree, UNUSED};
 use crate::face::Items;
 use crate::geometry::{self, Plane};
 use crate::simd::{InstructionSet, cross, dispatch, dot, lanes, least, mask, minus, most};
-use crate::visibility::coplanar::CoplanarRegions;
+use crate::visibility::coplanar::{CoplanarRegions, ROUGH};
 use crate::visibility::shaft::STEPS_A_SEGMENT;
 use crate::visibility::wide::{Pending, WideTree};
 use glam::DVec3;
@@ -62,8 +62,8 @@ pub(crate) struct Segments<'a> {
 /// `accuracy::ray_shares`: more leave less to a device, of fewer a device would get batches too small to fill it.
 pub(crate) const TOLD: usize = 256;
 
-/// Length of a ray that is to meet a segment's end, in lengths of the segment. A choice: with less, what rounds meets
-/// the end of the ray, too; with more, rays go on in vain where they miss the receiver by rounding.
+/// Length of a ray that is to meet a segment's end, in lengths of the segment. A choice: with less, rounding may end
+/// the ray before the receiver; with more, rays go on in vain where they miss the receiver by rounding.
 const BEYOND: f64 = 2.0;
 /// Sine of the angle to either plane up to which a device is not believed: surfaces of one plane are a tolerance apart,
 /// and [`Rays::TIE`] tells them from each other from 5 · 10⁻⁵ on.
@@ -71,9 +71,6 @@ const FLATTEST: f64 = 1e-4;
 /// Height above the emitter's plane up to which its own region is flat. A choice: far below what f32 tells from the
 /// plane, 10⁻⁶; with less, patches whose corners are rounded are the processor's.
 const LEVEL: f64 = 1e-7;
-/// Distance from the emitter within which a segment rises a tolerance at the flattest: 10⁻¹⁰ ÷ [`FLATTEST`].
-const BESIDE: f64 = 1e-6;
-
 /// Segments down the tree, and their work.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Walked {
@@ -151,8 +148,11 @@ impl<'a> Segments<'a> {
     /// emitter, as a piece of it may not rise.
     pub(crate) fn can_be_given(&self, emitter: &[DVec3; 3]) -> bool {
         let (regions, plane) = (self.obstacles.regions, &self.planes[0]);
+        // Within this distance of the emitter, a segment at the flattest has not risen a tolerance yet.
+        let beside = self.tolerance / FLATTEST;
         let is_flat = |p: &DVec3| plane.height(*p).abs() <= LEVEL;
-        if !regions.corners(self.own[0]).iter().all(is_flat) {
+        // Far from the origin the tolerance is larger, and rough regions may be off by more than `LEVEL`.
+        if ROUGH * self.tolerance > LEVEL || !regions.corners(self.own[0]).iter().all(is_flat) {
             return false;
         }
         let tree = &regions.tree;
@@ -160,7 +160,7 @@ impl<'a> Segments<'a> {
         let mut pending = vec![0u32];
         while let Some(index) = pending.pop() {
             let node = &tree.nodes[index as usize];
-            let (low, high) = (node.center - node.half - BESIDE, node.center + node.half + BESIDE);
+            let (low, high) = (node.center - node.half - beside, node.center + node.half + beside);
             if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
                 continue;
             }
