@@ -181,6 +181,15 @@ impl Bounds {
         }
     }
 
+    /// The box widened by so much on each side.
+    #[must_use]
+    pub fn widened(self, by: f64) -> Self {
+        Self {
+            low: self.low - by,
+            high: self.high + by,
+        }
+    }
+
     /// The box of both.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
@@ -219,6 +228,28 @@ impl Bounds {
 const BINS: usize = 32;
 
 impl Tree {
+    /// The blocks whose nodes a box meets, its faces included. `pending` is the walk's memory, of any content.
+    pub fn blocks_in<'t>(&'t self, bounds: Bounds, pending: &'t mut Vec<u32>) -> impl Iterator<Item = u32> + 't {
+        pending.clear();
+        pending.push(0);
+        std::iter::from_fn(move || {
+            while let Some(index) = pending.pop() {
+                let node = &self.nodes[index as usize];
+                let (low, high) = (node.center - node.half, node.center + node.half);
+                if bounds.low.cmpgt(high).any() || low.cmpgt(bounds.high).any() {
+                    continue;
+                }
+                if node.block != INNER {
+                    return Some(node.block);
+                }
+                if node.child > 0 {
+                    pending.extend([node.child, node.child + 1]);
+                }
+            }
+            None
+        })
+    }
+
     /// The tree of a scene by the surface area heuristic, made when first asked for and shared from then on.
     pub fn of(geometry: &Geometry) -> Arc<Self> {
         geometry.kept(|geometry| Self::new(geometry, Hierarchy::SurfaceArea))

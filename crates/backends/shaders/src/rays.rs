@@ -143,27 +143,15 @@ impl RayTree {
             return found;
         };
         let corners = block.triangle(slot % LANES);
-        let own = Bounds::of(corners);
-        let (mut pending, mut blocks) = (vec![0u32], 0);
-        while let Some(index) = pending.pop() {
-            let node = &tree.nodes[index as usize];
-            let (low, high) = (node.center - node.half - ON, node.center + node.half + ON);
-            if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
-                continue;
-            }
-            if node.block == INNER {
-                if node.child > 0 {
-                    pending.extend([node.child, node.child + 1]);
-                }
-                continue;
-            }
-            blocks += 1;
-            let (first, lanes) = self.runs[node.block as usize];
+        let mut pending = Vec::new();
+        let near = tree.blocks_in(Bounds::of(corners).widened(ON), &mut pending);
+        for block in near.take(MOST_BLOCKS).map(|block| block as usize) {
+            let (first, lanes) = self.runs[block];
             for (triangle, lane) in (first..first + lanes).zip(0..) {
-                if node.block as usize * LANES + lane == slot {
+                if block * LANES + lane == slot {
                     continue;
                 }
-                let other = tree.blocks[node.block as usize].triangle(lane);
+                let other = tree.blocks[block].triangle(lane);
                 let heights = other.map(|corner| rays.normal.dot(corner) - rays.offset);
                 // Half the tolerance is far beyond the rounding of whoever asks again.
                 let is_on = heights.iter().all(|&h| h <= 0.5 * tree.plane_tolerance && h >= -ON);
@@ -172,7 +160,7 @@ impl RayTree {
                     count += 1;
                 }
             }
-            if blocks >= MOST_BLOCKS || count >= MOST_BELOW {
+            if count >= MOST_BELOW {
                 break;
             }
         }

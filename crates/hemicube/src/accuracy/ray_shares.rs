@@ -14,7 +14,7 @@ use crate::accuracy::refine::steps_beside;
 use crate::accuracy::row::Emitter;
 use crate::accuracy::spread::{PARTS, Spread};
 use crate::backend::Rays;
-use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED};
+use crate::bvh::{Bounds, LANES, Tree, UNUSED};
 use crate::face::Items;
 use crate::geometry::{self, Plane};
 use crate::sampling::sobol::{BATCH, Sequence, fold};
@@ -362,35 +362,17 @@ impl RayShares {
 /// centroid may not see. Of more than [`MOST_CROSSED`] blocks of triangles in the emitter's box, no more are looked at.
 pub(crate) fn is_crossed(emitter: &Emitter<'_>) -> bool {
     let tree = Tree::of(emitter.model.geometry());
-    let own = Bounds::of(emitter.corners);
-    let (mut pending, mut blocks) = (vec![0u32], 0);
-    while let Some(index) = pending.pop() {
-        let node = &tree.nodes[index as usize];
-        let (low, high) = (node.center - node.half, node.center + node.half);
-        if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
-            continue;
-        }
-        if node.block == INNER {
-            if node.child > 0 {
-                pending.extend([node.child, node.child + 1]);
-            }
-            continue;
-        }
-        blocks += 1;
-        if blocks > MOST_CROSSED {
-            break;
-        }
-        let block = &tree.blocks[node.block as usize];
+    let mut pending = Vec::new();
+    let own = tree.blocks_in(Bounds::of(emitter.corners), &mut pending);
+    own.take(MOST_CROSSED).any(|block| {
+        let block = &tree.blocks[block as usize];
         let is_one_sided = |l: &usize| block.positive[*l].max(block.negative[*l]) == tree.patch_count;
         let mut triangles = (0..LANES)
             .filter(|&l| block.negative[l] != UNUSED)
             .filter(is_one_sided)
             .map(|l| block.triangle(l));
-        if triangles.any(|triangle| cross_each_other(&emitter.corners, &triangle, tree.plane_tolerance)) {
-            return true;
-        }
-    }
-    false
+        triangles.any(|triangle| cross_each_other(&emitter.corners, &triangle, tree.plane_tolerance))
+    })
 }
 
 #[cfg(test)]

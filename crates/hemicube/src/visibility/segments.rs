@@ -71,6 +71,11 @@ const FLATTEST: f64 = 1e-4;
 /// Height above the emitter's plane up to which its own region is flat. A choice: far below what f32 tells from the
 /// plane, 10⁻⁶; with less, patches whose corners are rounded are the processor's.
 const LEVEL: f64 = 1e-7;
+/// Blocks of regions at the emitter that are looked at; with more, a pair's segments are the processor's.
+const MOST_BESIDE: usize = 1024;
+/// Bound of the segments listed for a device at once, 48 bytes each: those beyond are the processor's.
+const MOST_ASKED: usize = 1 << 17;
+
 /// Segments down the tree, and their work.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Walked {
@@ -145,7 +150,7 @@ impl<'a> Segments<'a> {
 
     /// Returns whether a device, which knows surfaces and no regions, answers for the regions, too: not where the
     /// emitter's own region rises above its plane, as its back has no name, nor where one that rises lies on the
-    /// emitter, as a piece of it may not rise.
+    /// emitter, as a piece of it may not rise, nor where more than [`MOST_BESIDE`] blocks lie at the emitter.
     pub(crate) fn can_be_given(&self, emitter: &[DVec3; 3]) -> bool {
         let (regions, plane) = (self.obstacles.regions, &self.planes[0]);
         // Within this distance of the emitter, a segment at the flattest has not risen a tolerance yet.
@@ -155,22 +160,12 @@ impl<'a> Segments<'a> {
         if ROUGH * self.tolerance > LEVEL || !regions.corners(self.own[0]).iter().all(is_flat) {
             return false;
         }
-        let tree = &regions.tree;
-        let own = Bounds::of(*emitter);
-        let mut pending = vec![0u32];
-        while let Some(index) = pending.pop() {
-            let node = &tree.nodes[index as usize];
-            let (low, high) = (node.center - node.half - beside, node.center + node.half + beside);
-            if own.low.cmpgt(high).any() || low.cmpgt(own.high).any() {
-                continue;
-            }
-            if node.block == INNER {
-                if node.child > 0 {
-                    pending.extend([node.child, node.child + 1]);
-                }
-                continue;
-            }
-            let block = &tree.blocks[node.block as usize];
+        let mut pending = Vec::new();
+        let near = regions
+            .tree
+            .blocks_in(Bounds::of(*emitter).widened(beside), &mut pending);
+        !near.enumerate().any(|(number, block)| {
+            let block = &regions.tree.blocks[block as usize];
             let lies_on = |l: usize| {
                 let triangle = block.triangle(l);
                 let heights = triangle.map(|p| plane.height(p));
@@ -179,11 +174,8 @@ impl<'a> Segments<'a> {
                 rises && normal.cross(plane.normal).length() <= FLATTEST * normal.length()
             };
             let is_other = |l: usize| block.negative[l] != UNUSED && block.negative[l] != self.own[0];
-            if (0..LANES).filter(|&l| is_other(l)).any(lies_on) {
-                return false;
-            }
-        }
-        true
+            number >= MOST_BESIDE || (0..LANES).filter(|&l| is_other(l)).any(lies_on)
+        })
     }
 
     /// Returns whether an answer says that a segment from a point of the emitter to one of the receiver is stopped;
@@ -211,7 +203,9 @@ impl<'a> Segments<'a> {
         if self.walked.segments > TOLD {
             let from = if at == end { start } else { end };
             if let Some(listed) = &mut self.listed {
-                listed.push([from, from + (at - from) * BEYOND]);
+                if listed.len() < MOST_ASKED {
+                    listed.push([from, from + (at - from) * BEYOND]);
+                }
             } else if let Some(answer) = self.given.next()
                 && let Some(is_stopped) = self.is_stopped_by(answer, from, at)
             {

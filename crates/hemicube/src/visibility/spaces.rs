@@ -25,7 +25,7 @@
 
 use crate::Model;
 use crate::backend::{Geometry, Surface};
-use crate::bvh::{Bounds, INNER, LANES, Tree, UNUSED, overlap};
+use crate::bvh::{Bounds, LANES, Tree, UNUSED, overlap};
 use crate::geometry::{Plane, centroid, cross, within};
 use crate::sampling::splitmix;
 use crate::visibility::coplanar::number_corners;
@@ -629,27 +629,14 @@ impl<'g> Sheets<'g> {
     fn blocks_in(&mut self, bounds: &Bounds, pending: &mut Vec<u32>, mut each: impl FnMut(&Self, u32)) -> bool {
         let tree = self.tree();
         let most = MOST_BLOCKS * self.geometry.surfaces.len().max(64);
-        pending.clear();
-        pending.push(0);
-        while let Some(index) = pending.pop() {
-            let node = &tree.nodes[index as usize];
-            let (low, high) = (node.center - node.half, node.center + node.half);
-            if bounds.low.cmpgt(high).any() || low.cmpgt(bounds.high).any() {
-                continue;
-            }
-            if node.block == INNER {
-                if node.child > 0 {
-                    pending.extend([node.child, node.child + 1]);
-                }
-                continue;
-            }
+        for at in tree.blocks_in(*bounds, pending) {
             self.blocks += 1;
             if self.blocks > most {
                 return false;
             }
-            let block = &tree.blocks[node.block as usize];
+            let block = &tree.blocks[at as usize];
             for l in (0..LANES).filter(|&l| block.negative[l] != UNUSED) {
-                let surface = self.surface_of_slot[node.block as usize * LANES + l];
+                let surface = self.surface_of_slot[at as usize * LANES + l];
                 if surface != u32::MAX {
                     each(self, surface);
                 }
