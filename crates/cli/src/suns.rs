@@ -255,8 +255,15 @@ fn unread(names: &[String]) -> Result<Vec<String>> {
 }
 
 /// Refuses a header with a column twice, in another unit or misspelt, and one with the sun's angles beside its axes.
-pub(crate) fn require_columns(names: &[String]) -> Result<()> {
-    unread(names).map(drop)
+/// Returns the warning of columns that nothing reads.
+pub(crate) fn require_columns(names: &[String], path: &Path) -> Result<Option<String>> {
+    let unread = unread(names).map_err(|error| anyhow!("{}: {error}", path.display()))?;
+    Ok(unread_of(&unread, path))
+}
+
+fn unread_of(unread: &[String], path: &Path) -> Option<String> {
+    let names: Vec<String> = unread.iter().map(|name| format!("`{name}`")).collect();
+    (!names.is_empty()).then(|| format!("nothing reads {} of `{}`", names.join(", "), path.display()))
 }
 
 /// Refuses a column that nothing reads whose name is nearly one that the header lacks.
@@ -502,9 +509,7 @@ impl Suns {
 
     /// The warning of columns that nothing reads, once.
     fn warning_of_unread(&mut self) -> Option<String> {
-        let unread = std::mem::take(&mut self.unread);
-        let names: Vec<String> = unread.iter().map(|name| format!("`{name}`")).collect();
-        (!names.is_empty()).then(|| format!("nothing reads {} of `{}`", names.join(", "), self.path.display()))
+        unread_of(&std::mem::take(&mut self.unread), &self.path)
     }
 
     /// Turns directions of a table of angles into the scene's axes. Their suns below the horizon send nothing; returns

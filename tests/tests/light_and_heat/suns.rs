@@ -93,6 +93,11 @@ fn suns_light_what_no_plate_shades_and_from_below_in_space() {
         place.write("wrong.txt", format!("{header}\n{}\n", vec!["1"; columns].join(",")));
         place.line("sky shaded.obj --up z --suns wrong.txt").is(2).says(&[said]);
     }
+    place.write("more.txt", "x,y,z,pressure (kPa)\n0,0,1,101\n");
+    place
+        .line("sky shaded.obj --up z --suns more.txt -o more --overwrite")
+        .is(0)
+        .says(&["nothing reads `pressure (kPa)` of `more.txt`"]);
     place.write("suns.txt", "0 0 1\n0.5 0.25 1\n0 0 -2\n");
     // On the ground nothing comes from below.
     let found = ran("--horizon ground");

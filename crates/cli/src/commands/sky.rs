@@ -278,9 +278,11 @@ fn read_points(path: &Path) -> Result<Listed<SensorPoint>> {
 
 /// Reads directions towards suns. The second value is true where they are along east, north and up, as of angles, and
 /// false where they are along the scene's axes.
-fn read_suns(path: &Path) -> Result<(Listed<DVec3>, bool)> {
+fn read_suns(path: &Path, talk: Talk) -> Result<(Listed<DVec3>, bool)> {
     let mut found = Listed::default();
-    suns::require_columns(&table::names(path)?).map_err(|error| anyhow!("{}: {error}", path.display()))?;
+    if let Some(unread) = suns::require_columns(&table::names(path)?, path)? {
+        talk.warn(&unread);
+    }
     if table::names_column(path, "azimuth")? {
         let [altitude, elevation] = ALTITUDE;
         let is_elevation = !table::names_column(path, altitude)? && table::names_column(path, elevation)?;
@@ -402,7 +404,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
     let (mut suns, is_of_angles) = arguments
         .suns
         .as_deref()
-        .map(read_suns)
+        .map(|path| read_suns(path, talk))
         .transpose()?
         .unwrap_or_default();
     let store = open_store(arguments)?;

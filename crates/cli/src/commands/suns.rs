@@ -62,7 +62,7 @@ pub(crate) struct Arguments {
     /// Turn north clockwise, seen from above; 0: +y where z is up, −z where y is up, +z where x is up
     #[arg(long, value_name = "DEGREES", default_value = "0", value_parser = crate::args::degrees, allow_hyphen_values = true)]
     pub(crate) north: f64,
-    /// Write the table to FILE.csv [default: standard output]
+    /// Write the table to FILE.csv; `-` is standard output [default: -]
     #[arg(short, long, value_name = "FILE.csv")]
     pub(crate) output: Option<PathBuf>,
     /// Replace what is there
@@ -71,11 +71,16 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
+    /// The file to write; `None` for standard output.
+    fn file(&self) -> Option<PathBuf> {
+        self.output.clone().filter(|output| output.as_os_str() != "-")
+    }
+
     /// Paths to read and to write.
     pub(crate) fn paths(&self) -> Paths {
         Paths::default()
             .reads(&self.weather)
-            .writes("-o", &self.output, self.overwrite)
+            .writes("-o", &self.file(), self.overwrite)
     }
 }
 
@@ -164,7 +169,7 @@ pub(crate) fn run(arguments: &Arguments, talk: Talk) -> Result<Exit> {
         (None, None) => bail!("a weather file or `--location LAT,LON` is needed"),
     };
     let text = table(&lines, arguments.sky, horizon);
-    let Some(output) = arguments.output.as_ref().filter(|output| output.as_os_str() != "-") else {
+    let Some(output) = &arguments.file() else {
         print(&text)?;
         return Ok(Exit::Done);
     };
