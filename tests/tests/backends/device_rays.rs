@@ -112,6 +112,9 @@ fn casts_rays_to_the_bit(name: &str, options: &[&str]) {
             ("rays", cast, doubtful, rays),
             ("segments", of_pairs, doubtful_of_pairs, segments),
         ] {
+            if least == 0 {
+                continue;
+            }
             let share = doubtful as f64 / cast.max(1) as f64;
             say(&format!("{name}, {scene}: {cast} {what}, {share:.1e} of them doubtful"));
             assert!(

@@ -772,6 +772,7 @@ fn fault_20_wrong_rays() {
         ("rays-escape", "it says; it meets"),
         ("rays-ignore-ends", "it says; it meets"),
         ("rays-doubtful", "rays are doubtful"),
+        ("rays-too-sure", "it passes an edge within 100 plane tolerances"),
     ] {
         let said = check(fault);
         assert!(said.contains("BROKEN") && said.contains(words), "{fault}: {said}");

@@ -285,8 +285,8 @@ pub struct HcPass {
 /// A ray meets the first surface strictly between its ends, but none of the emitter's, and none without a corner more
 /// than `plane_tolerance` above the emitter's plane. What rounding might decide is `HC_DOUBTFUL`, and the host's to
 /// decide: an edge, an end, the plane, and which of two surfaces is first within 40,000 × `plane_tolerance` of each
-/// other. Within 100 × `plane_tolerance` of an edge no answer is certain: the host may take pieces of a wall for one
-/// polygon. A certain answer that is wrong makes a matrix wrong in silence.
+/// other. Within 100 × `plane_tolerance` of an edge, across the ray, no answer is certain: the host may take pieces of
+/// a wall for one polygon. A certain answer that is wrong makes a matrix wrong in silence.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HcRays {

@@ -13,6 +13,9 @@ const RAYS: usize = 192;
 /// less, another rounding may break what is right.
 const MOST_DOUBTFUL: f64 = 0.2;
 
+/// Plane tolerances from an edge, across the ray, within which no answer is certain ([`Rays`]).
+const NO_EDGE: f64 = 100.0;
+
 /// The plane of a patch, as it looks, and its corners.
 fn plane(geometry: &Geometry, patch: InputPatch) -> Option<(DVec3, [DVec3; 3])> {
     let mut surfaces = geometry.surfaces.iter();
@@ -40,8 +43,46 @@ fn ends(normal: DVec3, [a, b, c]: [DVec3; 3]) -> Vec<[DVec3; 2]> {
     (0..RAYS).map(ends).collect()
 }
 
+/// Rays from the middle of a patch that pass edges of other triangles at half the distance within which no answer is
+/// certain, on either side.
+fn along_edges(geometry: &Geometry, normal: DVec3, [a, b, c]: [DVec3; 3]) -> Vec<[DVec3; 2]> {
+    let start = (a + b + c) / 3.0;
+    let edges = geometry.surfaces.iter().flat_map(|surface| {
+        let [a, b, c] = surface.corners;
+        [(a, b), (b, c), (c, a)]
+    });
+    let rays = edges.flat_map(|(p, q)| {
+        let middle = (p + q) / 2.0;
+        let aside = (q - p).cross(middle - start).normalize_or_zero() * (0.5 * NO_EDGE * geometry.plane_tolerance);
+        [1.0, -1.0].map(|side| [start, start + (middle + aside * side - start) * 1.5])
+    });
+    let rises = |&[start, end]: &[DVec3; 2]| normal.dot(end - start) > 0.1 * (end - start).length();
+    rays.filter(rises).take(RAYS).collect()
+}
+
+/// An error where an answer is certain, though the ray passes an edge that it would meet or miss a little aside.
+fn sure_at_edges(answers: &[u32], geometry: &Geometry, rays: &Rays<'_>) -> Result<(), String> {
+    let within = NO_EDGE * geometry.plane_tolerance;
+    for (k, (&answer, &ends)) in answers.iter().zip(rays.ends).enumerate() {
+        let [less, more] = [-within, within].map(|wider| met_by(geometry, rays, ends, wider));
+        if answer != Rays::DOUBTFUL && less != more {
+            return Err(format!(
+                "ray {k} from patch {} certainly meets {answer}, it says; it passes an edge within {NO_EDGE} plane \
+                 tolerances",
+                rays.emitter.0
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// What a ray meets.
-fn met(geometry: &Geometry, rays: &Rays<'_>, [start, end]: [DVec3; 2]) -> u32 {
+fn met(geometry: &Geometry, rays: &Rays<'_>, ends: [DVec3; 2]) -> u32 {
+    met_by(geometry, rays, ends, 0.0)
+}
+
+/// What a ray meets of triangles wider by so much on each side, across the ray.
+fn met_by(geometry: &Geometry, rays: &Rays<'_>, [start, end]: [DVec3; 2], wider: f64) -> u32 {
     let mut nearest = (1.0, Items::ESCAPED);
     for surface in &geometry.surfaces {
         let [a, b, c] = surface.corners;
@@ -54,7 +95,10 @@ fn met(geometry: &Geometry, rays: &Rays<'_>, [start, end]: [DVec3; 2]) -> u32 {
         let [at_start, at_end] = [start, end].map(|p| normal.dot(p - a));
         let along = end - start;
         let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| (q - start).cross(p - start).dot(along));
-        let is_within = sides.iter().all(|&s| s >= 0.0) || sides.iter().all(|&s| s <= 0.0);
+        let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| (q - p).cross(along).length() * wider);
+        let is_within = [1.0, -1.0]
+            .iter()
+            .any(|sign| sides.iter().zip(edges).all(|(s, edge)| sign * s >= -edge));
         let place = at_start / (at_start - at_end);
         if is_within && at_start * at_end < 0.0 && place < nearest.0 {
             let back = surface.back.map_or(Items::BLOCKED, |patch| patch.0);
@@ -113,6 +157,12 @@ pub(crate) fn certain_answers(
         let answers = cast(&rays).map_err(said)?;
         left += doubtful(&answers, geometry, &rays)?;
         all += ends.len();
+        let along_edges = along_edges(geometry, normal, corners);
+        let at_edges = Rays {
+            ends: &along_edges,
+            ..rays
+        };
+        sure_at_edges(&cast(&at_edges).map_err(said)?, geometry, &at_edges)?;
         let some = Rays {
             ends: &ends[70..],
             ..rays
@@ -167,6 +217,25 @@ pub(crate) fn certain_answers(
 mod tests {
     use super::*;
     use crate::scenes::TestScene;
+
+    #[test]
+    fn a_certain_answer_at_an_edge_is_found() {
+        let model = TestScene::Room.model();
+        let geometry = model.geometry();
+        let emitter = TestScene::Room.hemicubes(&model)[3].emitter.expect("a patch");
+        let (normal, corners) = plane(geometry, emitter).expect("it has area");
+        let ends = along_edges(geometry, normal, corners);
+        let rays = Rays {
+            emitter,
+            normal,
+            offset: normal.dot(corners[0]),
+            ends: &ends,
+        };
+        let exact: Vec<u32> = ends.iter().map(|&ends| met(geometry, &rays, ends)).collect();
+        sure_at_edges(&exact, geometry, &rays).expect_err("exact, and too sure");
+        let doubtful = vec![Rays::DOUBTFUL; ends.len()];
+        assert_eq!(sure_at_edges(&doubtful, geometry, &rays), Ok(()));
+    }
 
     #[test]
     fn one_wrong_answer_is_found_and_a_doubtful_one_is_counted() {

@@ -293,8 +293,8 @@ impl Pass<'_> {
 /// there is none. Of a surface of the emitter, and of one with no corner more than the geometry's `plane_tolerance`
 /// above the emitter's plane, nothing is met. An answer that is not certain is [`Rays::DOUBTFUL`]: whoever asked decides
 /// that ray in f64. Uncertain is whatever rounding might decide: an edge, an end, the plane, and two surfaces within
-/// [`Rays::TIE`] of each other. Within a hundred `plane_tolerance` of an edge no answer is certain: who asked may take
-/// pieces of a wall for one polygon.
+/// [`Rays::TIE`] of each other. Within a hundred `plane_tolerance` of an edge, across the ray, no answer is certain: who
+/// asked may take pieces of a wall for one polygon.
 ///
 /// A ray that goes on beyond another patch asks whether that is seen: it is, where it is the first surface.
 #[derive(Clone, Copy, Debug)]
