@@ -1,21 +1,28 @@
 //! How the mean of a measurement's rays errs, told by the spread of parts of them.
 
 use crate::accuracy::error_model::{rays_for, variance_of_rays};
+use crate::visibility::shaft::MOST_PARTS;
 
 /// Least number of parts whose spread tells how rays err. A choice: with fewer, the spread is known worse, 1 ÷ √8 of
 /// itself now; with more, parts are too small to tell n^(−5/4) from 1 ÷ n.
 pub(crate) const PARTS: usize = 16;
+const _: () = assert!(
+    2 * PARTS == MOST_PARTS,
+    "a pair's parts are merged where there are twice as many"
+);
 
 /// How the mean of rays errs: the part q of a ray's variance lies in what is too small for the rays to resolve.
 ///
 /// ```text
-/// variance of n rays = w · ((1 − q) g n^(−5/4) + q ÷ n),   w = X (1 − X)
+/// variance of n rays = w · ((1 − q) n^(−5/4) + q ÷ n),   w = X (1 − X)
 /// ```
+///
+/// and at least w g n^(−5/4), where g is what rays leave in the scene's pairs in the mean.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spread {
     /// w, the variance of one ray.
     ray: f64,
-    /// g, the scene's factor on what rays leave behind large occluders.
+    /// g: [`RayGain`](super::error_model::RayGain), or 1.
     gain: f64,
     /// q, from 0 to 1.
     unresolved: f64,
@@ -43,11 +50,11 @@ impl Spread {
     /// By the means of at least [`PARTS`] parts, of so many rays each; of fewer, all is taken for resolved. The part q
     /// is the one that explains their variance, less the standard error that this has at q = 0: most rows have none.
     pub(crate) fn of(means: &[f64], rays: f64, ray: f64, gain: f64) -> Self {
-        let resolved = gain * variance_of_rays(rays);
-        let more = 1.0 / rays - resolved;
-        if means.len() < PARTS || more <= 0.0 {
+        if means.len() < PARTS || rays <= 1.0 {
             return Self::resolved(ray, gain);
         }
+        let resolved = variance_of_rays(rays);
+        let more = 1.0 / rays - resolved;
         let mean = means.iter().sum::<f64>() / means.len() as f64;
         let freedom = (means.len() - 1) as f64;
         let found = means.iter().map(|of| (of - mean).powi(2)).sum::<f64>() / freedom;
@@ -62,8 +69,13 @@ impl Spread {
 
     /// The squared standard error of the mean of so many rays.
     pub(crate) fn squared_error(self, rays: f64) -> f64 {
-        let resolved = self.gain * variance_of_rays(rays);
-        self.ray * ((1.0 - self.unresolved) * resolved + self.unresolved / rays)
+        let resolved = variance_of_rays(rays);
+        let usual = self.gain * resolved;
+        if self.unresolved <= 0.0 {
+            return self.ray * usual;
+        }
+        let told = (1.0 - self.unresolved) * resolved + self.unresolved / rays;
+        self.ray * if told > usual { told } else { usual }
     }
 
     /// The standard error of the mean of so many rays.
@@ -115,8 +127,16 @@ mod tests {
         );
         let few = Spread::of(&[0.0, 1.0], 64.0, 0.25, 1.0);
         assert_eq!(few.unresolved, 0.0, "too few parts tell nothing");
-        let above = Spread::of(&[0.5; PARTS], 64.0, 0.25, 3.0);
-        assert_eq!(above.unresolved, 0.0, "no rays err more than independent ones");
+        // Where the scene's rays leave three times as much in the mean, and this pair's err independently.
+        let apart: [f64; PARTS] = std::array::from_fn(|k| 0.5 + 0.0625 * if k % 2 == 0 { 1.0 } else { -1.0 });
+        let leaves = Spread::of(&apart, 64.0, 0.25, 3.0);
+        assert!(leaves.unresolved > 0.6, "{leaves:?}");
+        assert_eq!(
+            leaves.squared_error(16.0),
+            0.75 * variance_of_rays(16.0),
+            "the scene's at first"
+        );
+        assert!(leaves.squared_error(4096.0) > 0.6 * 0.25 / 4096.0, "{leaves:?}");
     }
 
     #[test]

@@ -357,7 +357,7 @@ impl Kernels {
 }
 
 /// Most parts of the rays at a pair that are told apart; there are half as many, and more, from so many units on.
-const MOST_PARTS: usize = 32;
+pub(crate) const MOST_PARTS: usize = 32;
 
 /// Sums over equal parts of a sequence, one after the other: their spread tells how rays err.
 #[derive(Clone, Copy, Debug)]
@@ -377,8 +377,15 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// The sums of the part that a unit of the sequence is in. Parts are merged in twos where there would be too many.
+    /// The sums of the part that a unit of the sequence is in.
     fn of(&mut self, unit: usize) -> &mut Kernels {
+        self.reach(unit);
+        &mut self.sums[unit / self.each]
+    }
+
+    /// Merges parts in twos until a unit has one of [`MOST_PARTS`]: all units are parts of the sequence, those without
+    /// a ray, too.
+    fn reach(&mut self, unit: usize) {
         while unit / self.each >= MOST_PARTS {
             for k in 0..MOST_PARTS {
                 self.sums[k] = match self.sums.get(2 * k..2 * k + 2) {
@@ -391,7 +398,6 @@ impl Parts {
             }
             self.each *= 2;
         }
-        &mut self.sums[unit / self.each]
     }
 
     /// What the parts of so many units say of the visible fraction, less what all say.
@@ -425,7 +431,8 @@ pub(crate) struct Deviations {
 }
 
 impl Deviations {
-    /// From half of [`MOST_PARTS`] on, of as many batches and more.
+    /// Half of [`MOST_PARTS`] to all of them, from as many units on: batches of segments, or points that directions
+    /// start at.
     pub(crate) fn of(&self) -> &[f64] {
         &self.of[..self.count]
     }
@@ -710,8 +717,8 @@ impl Shaft {
         self.cast_asking(obstacles, pair, wanted, seed, cast, None)
     }
 
-    /// [`Self::cast`], where `ask` answers the rays of a crowded shaft beyond the first 256, if there are at least as
-    /// many.
+    /// [`Self::cast`], where `ask` answers the rays of a crowded shaft beyond the first 256: in rungs of 512 and more, and
+    /// at least 256 at once.
     pub(crate) fn cast_asking(
         &self,
         obstacles: Obstacles<'_>,
@@ -860,6 +867,7 @@ impl Shaft {
                 &mut drawn,
             );
             let round = cast.drawn / (FROM_A_POINT * RAYS);
+            cast.parts.reach(round);
             cast.drawn += RAYS;
             if mask != 0 && !pair.is_crowded {
                 pair.mark_stopped(&drawn, &mut stopped);
@@ -1925,15 +1933,11 @@ mod tests {
                 shaft.cast(obstacles, &pair, rays, 1, &mut without);
                 shaft.cast_asking(obstacles, &pair, rays, 1, &mut with, Some(&mut ask));
             }
-            let of = |cast: &Cast| {
-                (
-                    cast.sums.visible.to_bits(),
-                    cast.sums.all.to_bits(),
-                    cast.drawn,
-                    cast.steps,
-                )
-            };
-            assert_eq!(of(&with), of(&without), "{ids:?}");
+            assert_eq!(
+                format!("{with:?}"),
+                format!("{without:?}"),
+                "{ids:?}: the numbers print to the bit"
+            );
             let is_partly = with.fraction().is_some_and(|fraction| fraction > 0.0 && fraction < 1.0);
             partly += usize::from(is_partly);
             near += usize::from(is_partly && pair.is_near);
@@ -1941,6 +1945,35 @@ mod tests {
         let [free, stopped, doubtful] = answers;
         assert!(free > 10_000 && stopped > 10_000, "{answers:?}");
         assert!(doubtful * 100 < free + stopped, "{answers:?}");
+    }
+
+    /// A device knows pieces of walls, and one may not rise from the emitter where its wall does.
+    #[test]
+    fn no_device_is_asked_where_a_wall_hardly_rises_from_the_emitter() {
+        let p = DVec3::new;
+        let asked = |more: &[[DVec3; 3]]| {
+            let model = scene(more);
+            let regions = CoplanarRegions::of(&model);
+            let obstacles = obstacles(&model, &regions);
+            let [i, j] = [0, 2].map(|patch| model.normalised_corners(patch));
+            let mut shaft = Shaft::default();
+            let mut pair = shaft.pair(obstacles, PatchTriangle::new(0, &i), PatchTriangle::new(2, &j));
+            pair.is_crowded = true;
+            let mut asked = 0;
+            let mut ask = |rays: &Rays<'_>| {
+                asked += rays.ends.len();
+                vec![Rays::DOUBTFUL; rays.ends.len()]
+            };
+            shaft.cast_asking(obstacles, &pair, 1024, 1, &mut Cast::default(), Some(&mut ask));
+            asked
+        };
+        let rising = |height: f64| [[p(0.5, 0.1, 0.0), p(0.9, 0.1, 0.0), p(0.9, 0.4, height)]];
+        assert!(asked(&[]) >= LEAST_ASKED);
+        assert_eq!(asked(&rising(1e-5)), 0);
+        assert!(
+            asked(&rising(0.1)) >= LEAST_ASKED,
+            "steep walls are told from the emitter"
+        );
     }
 
     /// Sixteen thousand triangles in one place: a segment to the one that is seen passes the blocks of all, and its
