@@ -62,7 +62,7 @@ pub(crate) struct Arguments {
     /// Turn north clockwise, seen from above; 0: +y where z is up, −z where y is up, +z where x is up
     #[arg(long, value_name = "DEGREES", default_value = "0", value_parser = crate::args::degrees, allow_hyphen_values = true)]
     pub(crate) north: f64,
-    /// Write the table to FILE.csv; `-` is standard output [default: -]
+    /// Write the table to FILE.csv [default: `-`, standard output]
     #[arg(short, long, value_name = "FILE.csv")]
     pub(crate) output: Option<PathBuf>,
     /// Replace what is there
