@@ -32,18 +32,17 @@ pub(crate) fn kelvin(given: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
             .map(Temperature::kelvin)
             .map_err(|error| errors::input(format!("`{name}`: {error}")));
     }
-    let kelvin: f64 = given.extract()?;
-    if kelvin.is_nan() {
-        return Err(errors::input(format!(
-            "`{name}` is NaN; a temperature in kelvin is needed"
-        )));
+    let wrong = |found: &str| {
+        errors::input(format!(
+            "`{name}` is {found}; a temperature in kelvin, from 0 on, or text such as '20 °C' is needed"
+        ))
+    };
+    match given.extract::<f64>() {
+        Ok(kelvin) if (0.0..=KELVIN_MAX).contains(&kelvin) => Ok(kelvin),
+        Ok(kelvin) if kelvin.is_nan() => Err(wrong("NaN")),
+        Ok(kelvin) => Err(wrong(&kelvin.to_string())),
+        Err(_) => Err(wrong(&format!("of the type {}", given.get_type().name()?))),
     }
-    if !(0.0..=KELVIN_MAX).contains(&kelvin) {
-        return Err(errors::input(format!(
-            "a temperature is {kelvin}; it is in kelvin, from 0 on, or NaN for an adiabatic patch"
-        )));
-    }
-    Ok(kelvin)
 }
 
 /// Asks whether temperatures, with what they are of, are degrees Celsius.

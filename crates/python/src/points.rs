@@ -2,6 +2,7 @@
 
 use crate::attended::attended;
 use crate::compute::interrupted;
+use crate::heat::kelvin;
 use crate::scene::Scene;
 use crate::session::BackendChoice;
 use crate::sky::{pairs, warn_of_places};
@@ -116,21 +117,18 @@ impl Points {
         &self,
         py: Python<'py>,
         radiosity: &Bound<'_, PyAny>,
-        sky: f64,
-        ground: Option<f64>,
-        backs: Option<f64>,
+        sky: &Bound<'py, PyAny>,
+        ground: Option<&Bound<'py, PyAny>>,
+        backs: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let radiosity = numbers::vector(radiosity, "radiosity", self.scene.get().patches.len())?;
-        let outside = [sky, ground.unwrap_or(sky), backs.unwrap_or(f64::NAN)];
-        if let Some(wrong) = [Some(sky), ground, backs]
-            .iter()
-            .flatten()
-            .find(|kelvin| !(0.0..=1e6).contains(*kelvin))
-        {
-            return Err(errors::input(format!(
-                "a temperature is {wrong}; kelvin from 0 on are needed"
-            )));
-        }
+        let sky = kelvin(sky, "sky")?;
+        let given = |given: Option<&Bound<'py, PyAny>>, name: &str| given.map(|given| kelvin(given, name)).transpose();
+        let outside = [
+            sky,
+            given(ground, "ground")?.unwrap_or(sky),
+            given(backs, "backs")?.unwrap_or(f64::NAN),
+        ];
         let temperature = |row: &SensorRow| row.mean_radiant_temperature(&radiosity, outside);
         Ok(PyArray1::from_vec(py, self.rows.iter().map(temperature).collect()))
     }

@@ -39,6 +39,23 @@ def test_bodies_have_their_rows_and_sum_to_one() -> None:
     assert abs(warm - expected).max() < 1e-9
 
 
+def test_temperatures_outside_are_kelvin_or_text() -> None:
+    seen = hemicube.points(square(2.0, 1.0), [[0.0, 0.0, 0.0]])
+    radiosity = np.zeros(2)
+    kelvin = seen.mean_radiant_temperature(radiosity, sky=293.15, ground=300, backs=0)
+    assert (seen.mean_radiant_temperature(radiosity, sky="20 °C", ground="26.85 °C", backs="0 K") == kelvin).all()
+    for keywords, words in [
+        ({"sky": [300]}, "`sky` is of the type list; a temperature in kelvin"),
+        ({"sky": None}, "`sky` is of the type NoneType"),
+        ({"sky": "warm"}, "`sky`: `warm` is no temperature"),
+        ({"sky": -1}, "`sky` is -1; a temperature in kelvin, from 0 on, or text such as '20 °C' is needed"),
+        ({"sky": 300, "ground": math.nan}, "`ground` is NaN"),
+        ({"sky": 300, "backs": {}}, "`backs` is of the type dict"),
+    ]:
+        with pytest.raises(hemicube.InputError, match=words):
+            seen.mean_radiant_temperature(radiosity, **keywords)
+
+
 def test_what_cannot_be_is_refused() -> None:
     scene = square(2.0, 1.0)
     for keywords, words in [

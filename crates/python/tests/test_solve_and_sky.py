@@ -75,6 +75,7 @@ def test_what_does_not_converge_says_so() -> None:
         ((1.5, 1.0), "a reflectance is 1.5"),
         ((0.5, math.nan), "an emission is NaN"),
         ((0.5, [1.0, 2.0]), "`emission` has the shape"),
+        ((1.0, 1.0), "adds up for ever, and no radiosity is finite"),
         (([[0.5, 0.5]] * 1200, [[1.0]] * 1200), "shape|bands"),
     ],
 )

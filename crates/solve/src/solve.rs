@@ -198,6 +198,17 @@ pub enum SolveError {
         /// The residual.
         residual: f64,
     },
+    /// An enclosure that emits, absorbs nothing and lets nothing out: its light adds up for ever.
+    #[error(
+        "{count} patches, patch {patch} among them, emit, reflect all of it and let none out: that adds up for ever, \
+         and no radiosity is finite; give one of them a reflectance below 1, or none of them an emission"
+    )]
+    Endless {
+        /// The first of them.
+        patch: usize,
+        /// Their number.
+        count: usize,
+    },
     /// Surfaces are to lose more heat than reaches them.
     #[error(
         "{count} patches, from patch {patch} on, are to lose more heat than reaches them, even at 0 K: a flux or heat \
@@ -484,7 +495,8 @@ impl Work<'_> {
 /// # Errors
 /// [`SolveError::Problem`] for a problem of another matrix or out of range (the largest number of a right-hand side
 /// must be 0, or from 10⁻²⁰⁰ to 10²⁰⁰), [`SolveError::Store`] when the matrix cannot be read, or has two rows of a
-/// patch, [`SolveError::Diverged`] for a NaN residual, [`SolveError::Interrupted`] when `progress` returned false.
+/// patch, [`SolveError::Diverged`] for a NaN residual, [`SolveError::Endless`] for emission in an enclosure that
+/// reflects all and lets nothing out, [`SolveError::Interrupted`] when `progress` returned false.
 ///
 /// ```
 /// use hemicube_solve::solve::{Block, InMemory, Problem, STEFAN_BOLTZMANN, SolveOptions, solve};
@@ -513,6 +525,8 @@ pub fn solve(
     options: SolveOptions,
     progress: &mut dyn FnMut(Step) -> bool,
 ) -> Result<Solution, SolveError> {
+    problem.check(factors.patch_count())?;
+    enclosures::require_an_end(factors, problem, options.threads())?;
     let coupling = Coupling::default();
     solve_coupled(factors, problem, coupling, options, progress)
 }

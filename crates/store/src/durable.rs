@@ -305,6 +305,21 @@ impl DurableFile {
         }
     }
 
+    /// Writes all of the file to the disk, under its temporary name: what a full disk refuses is refused here, and
+    /// [`Self::commit`] has but a name to give. For files that are to replace others together.
+    ///
+    /// # Errors
+    /// When anything of it was not written.
+    pub fn sync(&mut self) -> io::Result<()> {
+        if self.failed {
+            return Err(io::Error::other("an earlier part of the file was not written"));
+        }
+        self.attempt(|writer| {
+            writer.flush()?;
+            writer.get_ref().file.sync_all()
+        })
+    }
+
     /// Makes the file durable and gives it its name.
     ///
     /// # Errors

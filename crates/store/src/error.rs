@@ -86,6 +86,16 @@ pub enum Error {
         /// The thing and its defect.
         reason: String,
     },
+    /// A line of a text file violates the format.
+    #[error("{}:{line}: {reason}", path.display())]
+    MalformedLine {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: u64,
+        /// The defect, and the next step.
+        reason: String,
+    },
     /// Legal, but not read or written by this version.
     #[error("`{}` {reason}", path.display())]
     Unsupported {

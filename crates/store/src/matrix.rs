@@ -11,7 +11,7 @@ use super::npz::Npz;
 use super::{Error, Result, Store};
 use hemicube_scene::InputPatch;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Seek};
 use std::path::{Path, PathBuf};
 
 /// The longest line of a Matrix Market file. The format allows 1024 characters.
@@ -334,13 +334,10 @@ impl Matrix {
             ));
         }
         triplets.sort_by_key(|&(row, column, _)| (row, column));
-        triplets.dedup_by(|later, first| {
-            let equal = (first.0, first.1) == (later.0, later.1);
-            if equal {
-                first.2 += later.2;
-            }
-            equal
-        });
+        let place = |&(row, column, _): &(u32, u32, f64)| (row, column);
+        if let Some(twice) = triplets.windows(2).find(|pair| place(&pair[0]) == place(&pair[1])) {
+            return Err(lines.doubled(place(&twice[0]), symmetric));
+        }
         Ok(Self {
             path: path.to_owned(),
             patch_count,
@@ -386,6 +383,44 @@ impl Lines<'_> {
     }
 
     fn malformed(&self, reason: &str) -> Error {
-        Error::malformed(self.path, format!("line {}: {reason}", self.number))
+        Error::MalformedLine {
+            path: self.path.to_owned(),
+            line: self.number,
+            reason: reason.to_owned(),
+        }
+    }
+
+    /// The error of a place with two entries, at the line of the second. Read again, because triplets keep no lines.
+    fn doubled(mut self, (row, column): (u32, u32), symmetric: bool) -> Error {
+        if let Err(error) = self.reader.rewind() {
+            return Error::io(self.path, "read", error);
+        }
+        self.number = 0;
+        let (mut has_sizes, mut has_one) = (false, false);
+        loop {
+            let words = match self.next_entry() {
+                Ok(Some(line)) => line.split_ascii_whitespace(),
+                Ok(None) => return Error::malformed(self.path, "has changed while it was read"),
+                Err(error) => return error,
+            };
+            let mut numbers = words.map_while(|word| word.parse::<u32>().ok()?.checked_sub(1));
+            let found = numbers.next().zip(numbers.next());
+            // The first line that is no comment has the sizes.
+            let is_entry = std::mem::replace(&mut has_sizes, true);
+            let is_it = found == Some((row, column)) || symmetric && found == Some((column, row));
+            if is_entry && is_it && std::mem::replace(&mut has_one, true) {
+                let (row, column) = found.unwrap_or((row, column));
+                return self.malformed(&format!(
+                    "row {}, column {} has an entry before; leave one of the two out, or write their sum{}",
+                    u64::from(row) + 1,
+                    u64::from(column) + 1,
+                    if symmetric {
+                        ": a symmetric file has one of each pair"
+                    } else {
+                        ""
+                    }
+                ));
+            }
+        }
     }
 }

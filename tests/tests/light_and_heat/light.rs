@@ -226,6 +226,71 @@ fn what_cannot_be_solved_is_refused_with_the_next_step() {
     assert!(err.contains("the residual did not reach"), "{err}");
 }
 
+#[test]
+fn light_that_never_ends_is_refused_and_an_earlier_solution_stays() {
+    let place = Place::new();
+    place.write("cube.obj", &cube());
+    place.line("compute cube.obj --split 2 -o F --config=none");
+    let materials =
+        |reflectance: &str| format!("bands = [\"all\"]\n[default]\nreflectance = {reflectance}\nemission = 1\n");
+    place.write("grey.toml", &materials("0.5"));
+    place.line("solve F --materials grey.toml");
+    place.write("white.toml", &materials("1"));
+    place.fails(
+        "solve F --materials white.toml",
+        &[
+            "material `m0` and what it sees, 48 patches",
+            "reflect all of it and let none out",
+            "no radiosity is finite",
+            "`reflectance` below 1",
+        ],
+    );
+    let kept = &place.solution("F", "radiosity", "radiosity")[0];
+    assert!(kept.iter().all(|b| (b - 2.0).abs() < 1e-4), "of the grey room");
+    // One wall that absorbs is an end, and without emission there is nothing to end.
+    place.write("end.toml", &(materials("1") + "[material.m3]\nreflectance = 0.5\n"));
+    place.line("solve F --materials end.toml");
+    let patches = place.solution("F", "radiosity", "radiosity")[0].len();
+    std::fs::write(place.path("dark.npy"), npy(&[vec![0.0; patches]])).expect("a file");
+    place.line("solve F --materials white.toml --emission dark.npy");
+    assert!(
+        place.solution("F", "radiosity", "radiosity")[0]
+            .iter()
+            .all(|b| *b == 0.0)
+    );
+}
+
+#[test]
+fn emissions_and_radiances_below_zero_are_refused_in_every_file() {
+    let place = Place::new();
+    place.write("cube.obj", &cube());
+    place.line("compute cube.obj --split 2 -o F --config=none");
+    place.line("sky cube.obj --up z --matrix F --quiet");
+    place.write(
+        "m.toml",
+        "bands = [\"all\"]\n[default]\nreflectance = 0.5\nemission = 1\n",
+    );
+    place.line("solve F --materials m.toml");
+    let patches = place.solution("F", "radiosity", "radiosity")[0].len();
+    for (option, numbers, what) in [
+        ("emission", patches, "an emission"),
+        ("sky-radiance", 146, "a radiance"),
+    ] {
+        let mut rows = vec![vec![1.0; numbers]; 2];
+        rows[1][3] = -0.25;
+        std::fs::write(place.path("wrong.npy"), npy(&rows)).expect("a file");
+        place.fails(
+            &format!("solve F --materials m.toml --{option} wrong.npy"),
+            &[
+                "`wrong.npy` has -0.25 in row 1, column 3",
+                &format!("{what} is a finite number from 0 on"),
+            ],
+        );
+    }
+    place.write("below.toml", "[default]\nreflectance = 0.5\nemission = -1\n");
+    place.fails("solve F --materials below.toml", &["emission of -1"]);
+}
+
 /// At one temperature, the surroundings too, nothing flows; and a furnace is white. `settings` are of `compute`.
 fn at_equilibrium(scene: &std::path::Path, settings: &str) {
     let place = Place::new();

@@ -1031,6 +1031,39 @@ fn limited(place: &Place, kilobytes: u32, line: &str) -> Ran {
 
 #[cfg(unix)]
 #[test]
+fn a_solution_that_cannot_be_written_leaves_the_earlier_one() {
+    let place = Place::new();
+    place.line("generate room --patches 5000 -o room.obj").is(0);
+    place
+        .line("compute room.obj -o m -q --correction pixel --resolution 16")
+        .is(0);
+    place.line("solve m").is(0);
+    let before = files(&place.path("m/solutions"));
+    limited(&place, 4, "solve m").fails_with(&["m/solutions/radiosity/", "disk is full"]);
+    assert_eq!(files(&place.path("m/solutions")), before);
+    place.line("view model m room.obj --show radiosity -o m.png").is(0);
+}
+
+#[test]
+fn a_second_entry_of_a_place_is_refused_by_its_line() {
+    let place = Place::new();
+    let market = |entries: &[&str]| {
+        let count = entries.len();
+        let lines = entries.join("\n");
+        format!("%%MatrixMarket matrix coordinate real general\n2 2 {count}\n{lines}\n")
+    };
+    place.write("a.mtx", market(&["1 2 0.5", "2 1 0.5"]));
+    place.write("b.mtx", market(&["1 2 0.5", "2 1 0.5", "1 2 0.25"]));
+    for line in ["compare a.mtx b.mtx", "compare b.mtx a.mtx"] {
+        place
+            .line(line)
+            .fails_with(&["b.mtx:5: row 1, column 2 has an entry before"]);
+    }
+    place.line("compare a.mtx a.mtx").is(0);
+}
+
+#[cfg(unix)]
+#[test]
 fn a_file_that_cannot_grow_ends_the_run_with_a_word() {
     let place = Place::new();
     place.line("generate room --patches 5000 -o room.obj").is(0);

@@ -200,6 +200,36 @@ fn a_city_json_tile_and_its_obj_twin_give_the_same_matrix() {
     assert!((number(3) + number(4) + number(6) - 1.0).abs() < 0.02, "{:?}", lines[1]);
 }
 
+/// A table's own columns and those of zones that are called likewise are told apart.
+#[test]
+fn zones_called_as_columns_have_columns_of_their_own() {
+    let place = TempDir::new().unwrap();
+    let folder = place.path();
+    run(
+        folder,
+        &["generate", "room", "--patches", "300", "-o", "room.obj", "-q"],
+    );
+    let room = std::fs::read_to_string(folder.join("room.obj")).unwrap();
+    let named = room
+        .replace("\no floor\n", "\no zone\n")
+        .replace("\no ceiling\n", "\no escaped\n");
+    assert_ne!(named, room);
+    std::fs::write(folder.join("room.obj"), named).unwrap();
+    run(folder, &["compute", "room.obj", "-o", "F", "-q", "--config=none"]);
+    run(folder, &["export", "F", "-o", "F.csv", "--by", "object"]);
+    let table = std::fs::read_to_string(folder.join("F.csv")).unwrap();
+    let mut lines = table.lines();
+    let columns: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let different: std::collections::HashSet<&&str> = columns.iter().collect();
+    assert_eq!(different.len(), columns.len(), "{columns:?}");
+    assert!(
+        columns.contains(&"zone (zone)") && columns.contains(&"escaped (zone)"),
+        "{columns:?}"
+    );
+    let rows: Vec<&str> = lines.filter_map(|line| line.split(',').next()).collect();
+    assert!(rows.contains(&"zone") && rows.contains(&"escaped"), "{rows:?}");
+}
+
 /// Zones go into every format of matrices: the numbers are those of the table, in its order.
 #[test]
 fn zones_as_matrices() {

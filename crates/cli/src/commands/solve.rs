@@ -654,6 +654,30 @@ struct Light {
     sun: Option<(Vec<String>, Block)>,
 }
 
+impl Light {
+    /// Names the surface of a patch.
+    fn shown(&self, patch: usize) -> String {
+        let of = &self.optics[self.kind_of_patch[patch] as usize];
+        match &of.object {
+            Some(object) => format!("object `{object}`"),
+            None => format!("material `{}`", of.name),
+        }
+    }
+
+    /// The error of light that never ends.
+    fn endless(&self, patch: usize, count: usize) -> anyhow::Error {
+        hinted(
+            anyhow!(
+                "{} and what it sees, {} in all, emit, reflect all of it and let none out: light adds up for ever, \
+                 and no radiosity is finite",
+                self.shown(patch),
+                counted(count as u64, "patch")
+            ),
+            "give one of these surfaces a `reflectance` below 1 by `--materials FILE`, or open the scene",
+        )
+    }
+}
+
 impl<'a> Task<'a> {
     /// The record of a solution before the first right-hand side.
     fn record(&self, arguments: &Arguments) -> Result<Record> {
@@ -723,6 +747,7 @@ impl<'a> Task<'a> {
                     let solution = match solve(factors, &problem, self.options, &mut progress) {
                         Ok(solution) => solution,
                         Err(SolveError::Interrupted) => return Ok(None),
+                        Err(SolveError::Endless { patch, count }) => return Err(light.endless(patch, count)),
                         Err(error) => return Err(error.into()),
                     };
                     record.count(&solution);
@@ -830,6 +855,7 @@ impl<'a> Task<'a> {
                 );
             }
             require_bands(array, path, &bands)?;
+            require_from_zero(array, path, "an emission")?;
         }
         let sky = Sky::read(arguments, store, &bands, emission.as_ref())?;
         let kind_of_patch = properties.kind_of_patch().to_vec();
@@ -948,6 +974,7 @@ impl Sky {
         };
         let radiance = ArrayFile::open(path)?;
         require_bands(&radiance, path, bands)?;
+        require_from_zero(&radiance, path, "a radiance")?;
         if let Some(emission) = emission
             && emission.rows() != radiance.rows()
         {
@@ -992,6 +1019,22 @@ fn require_bands(array: &ArrayFile, path: &Path, bands: &[String]) -> Result<()>
             counted(array.rows(), "row"),
             bands.len()
         );
+    }
+    Ok(())
+}
+
+/// Refuses numbers below 0, and what is none.
+fn require_from_zero(array: &ArrayFile, path: &Path, what: &str) -> Result<()> {
+    for row in 0..array.rows() {
+        let values = array.row(row)?;
+        let is_sound = |value: &f64| *value >= 0.0 && value.is_finite();
+        if let Some(at) = values.iter().position(|value| !is_sound(value)) {
+            bail!(
+                "`{}` has {} in row {row}, column {at}, counted from 0; {what} is a finite number from 0 on",
+                path.display(),
+                values[at]
+            );
+        }
     }
     Ok(())
 }
@@ -1184,6 +1227,7 @@ fn text(record: &Record, store: &Store, seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hemicube::store::{ElementType, NpyHeader};
 
     #[test]
     fn sizes() {
@@ -1192,6 +1236,28 @@ mod tests {
         assert_eq!(bytes("77"), Ok(77));
         for wrong in ["", "MB", "-3", "3XB", "nan"] {
             assert!(bytes(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers_of_arrays_are_from_zero_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("e.npy");
+        let told = |values: [f64; 4]| {
+            let mut bytes = NpyHeader::bytes(ElementType::F64, &[2, 2]);
+            values
+                .iter()
+                .for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+            std::fs::write(&path, bytes).unwrap();
+            let told = require_from_zero(&ArrayFile::open(&path).unwrap(), &path, "an emission");
+            told.map_err(|error| error.to_string())
+        };
+        assert_eq!(told([0.0, 1.0, 2.0, 1e9]), Ok(()));
+        for (wrong, shown) in [(-3.0, "-3"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+            let error = told([0.0, 1.0, 2.0, wrong]).unwrap_err();
+            let reason =
+                format!("has {shown} in row 1, column 1, counted from 0; an emission is a finite number from 0");
+            assert!(error.contains(&reason), "{error}");
         }
     }
 

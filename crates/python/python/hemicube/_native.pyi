@@ -307,9 +307,9 @@ class Points(Views):
         self,
         radiosity: ArrayLike,
         *,
-        sky: float,
-        ground: float | None = None,
-        backs: float | None = None,
+        sky: float | str,
+        ground: float | str | None = None,
+        backs: float | str | None = None,
     ) -> _Floats: ...
 
 @overload

@@ -738,36 +738,45 @@ mod tests {
     }
 
     #[test]
-    fn symmetric_and_repeated_entries_are_expanded_and_added() {
+    fn symmetric_entries_are_expanded() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("symmetric.mtx");
         std::fs::write(
             &path,
-            "%%MatrixMarket matrix coordinate real symmetric\n3 3 3\n2 1 0.5\n3 3 1\n2 1 0.25\n",
+            "%%MatrixMarket matrix coordinate real symmetric\n3 3 2\n2 1 0.5\n3 3 1\n",
         )
         .unwrap();
         let matrix = Matrix::open(&path).unwrap();
-        assert_eq!(
-            matrix.row(0).unwrap(),
-            Some(MatrixRow {
-                columns: vec![1],
-                values: vec![0.75]
-            })
-        );
-        assert_eq!(
-            matrix.row(1).unwrap(),
-            Some(MatrixRow {
-                columns: vec![0],
-                values: vec![0.75]
-            })
-        );
-        assert_eq!(
-            matrix.row(2).unwrap(),
-            Some(MatrixRow {
-                columns: vec![2],
-                values: vec![1.0]
-            })
-        );
+        let row = |column: u32, value: f64| {
+            let (columns, values) = (vec![column], vec![value]);
+            Some(MatrixRow { columns, values })
+        };
+        assert_eq!(matrix.row(0).unwrap(), row(1, 0.5));
+        assert_eq!(matrix.row(1).unwrap(), row(0, 0.5));
+        assert_eq!(matrix.row(2).unwrap(), row(2, 1.0));
         assert_eq!(matrix.row(3).unwrap(), None);
+    }
+
+    #[test]
+    fn a_second_entry_of_a_place_is_refused_by_its_line() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("doubled.mtx");
+        let refused = |symmetry: &str, entries: &str, line: u32, place: &str| {
+            let banner = format!("%%MatrixMarket matrix coordinate real {symmetry}\n% a comment\n3 3 3\n");
+            std::fs::write(&path, banner + entries).unwrap();
+            let error = Matrix::open(&path).unwrap_err().to_string();
+            let expected = format!("{}:{line}: {place} has an entry before", path.display());
+            assert!(error.starts_with(&expected), "{error}");
+        };
+        refused("general", "1 2 0.5\n2 1 0.5\n\n1 2 0.25\n", 7, "row 1, column 2");
+        refused("general", "3 3 0\n2 1 0.5\n3 3 1\n", 6, "row 3, column 3");
+        refused("symmetric", "2 1 0.5\n3 3 1\n1 2 0.25\n", 6, "row 1, column 2");
+        // A line that is wrong by itself is named likewise.
+        std::fs::write(&path, "%%MatrixMarket matrix coordinate real general\n2 2 1\n1 x 0.5\n").unwrap();
+        let error = Matrix::open(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("doubled.mtx:3: should have a row and a column"),
+            "{error}"
+        );
     }
 }

@@ -12,7 +12,7 @@ use hemicube_store::PatchKind;
 use hemicube_store::{DurableFile, Error, Manifest, PatchTable, Result, Store};
 use serde::Serialize;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
@@ -431,11 +431,30 @@ pub fn table_text(text: &str) -> Cow<'_, str> {
     Cow::Owned(cell)
 }
 
+/// The columns of a table: its own, and those of the zones. A zone called as one of its own is `escaped (zone)`.
+fn columns_of(zones: &[Zone]) -> Vec<String> {
+    const OWN: [&str; 6] = ["zone", "patches", "area", "escaped", "blocked", "unselected"];
+    let names: Vec<Cow<'_, str>> = zones.iter().map(|zone| table_text(&zone.name)).collect();
+    let known: HashSet<&str> = names.iter().map(|name| &**name).collect();
+    let column = |name: &Cow<'_, str>| {
+        let mut column = name.to_string();
+        if OWN.contains(&&**name) {
+            column.push_str(" (zone)");
+            while known.contains(&*column) {
+                column.push('\'');
+            }
+        }
+        column
+    };
+    OWN.into_iter()
+        .map(str::to_owned)
+        .chain(names.iter().map(column))
+        .collect()
+}
+
 fn csv_of(zones: &[Zone], file: impl Write) -> std::result::Result<(), csv::Error> {
     let mut writer = csv::Writer::from_writer(file);
-    let fixed = ["zone", "patches", "area", "escaped", "blocked", "unselected"];
-    let names = zones.iter().map(|zone| table_text(&zone.name));
-    writer.write_record(fixed.into_iter().map(Cow::Borrowed).chain(names).map(Cow::into_owned))?;
+    writer.write_record(columns_of(zones))?;
     for zone in zones {
         let known = |number: f64| {
             if zone.has_rows() {
@@ -524,6 +543,23 @@ mod tests {
             lines[1..],
             ["2 4", "0.000000 0.500000", "0.250000 0.125000", "0.900 0.999"]
         );
+    }
+
+    #[test]
+    fn no_two_columns_of_a_table_have_one_name() {
+        let names = ["zone", "wall", "escaped", "escaped (zone)", "area"];
+        let zones = names.map(|name| zone(name, 1.0, 0, &[]));
+        let mut table = Vec::new();
+        csv_of(&zones, &mut table).unwrap();
+        let text = String::from_utf8(table).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(
+            lines[0],
+            "zone,patches,area,escaped,blocked,unselected,zone (zone),wall,escaped (zone)',escaped (zone),area (zone)"
+        );
+        let first = |line: &&str| line.split(',').next().map(str::to_owned);
+        let rows: Vec<String> = lines[1..].iter().filter_map(first).collect();
+        assert_eq!(rows, names, "rows keep their names");
     }
 
     #[test]

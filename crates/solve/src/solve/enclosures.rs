@@ -5,7 +5,7 @@
 //! entry, or by all of its entries there together. Two rooms with a gap between them are one enclosure where the matrix
 //! shows more of it than its own rounding could.
 
-use super::{Factors, SolveError};
+use super::{Block, Factors, OPEN_LEAST, Problem, SolveError, multiply};
 use hemicube_store::Error;
 use std::collections::HashMap;
 use std::path::Path;
@@ -166,10 +166,51 @@ fn join_by_rows(factors: &dyn Factors, roots: &[u32], sets: &mut Sets) -> Result
     Ok(())
 }
 
+/// A patch that absorbs less than this of a band reflects all of it: rounding of 1 − ε. More is solved for.
+const ABSORBED_LEAST: f64 = 1e-12;
+
+/// Refuses light without an end: an enclosure of which no patch absorbs, and from which nothing escapes, with emission.
+/// Nothing is read of a matrix whose patches all absorb.
+pub(super) fn require_an_end(factors: &dyn Factors, problem: &Problem, threads: usize) -> Result<(), SolveError> {
+    let count = factors.patch_count();
+    let absorbs = |patch: usize, column: usize| problem.rho(patch, column) < 1.0 - ABSORBED_LEAST;
+    let columns = 0..problem.emission.columns();
+    let is_suspect = |patch: usize, column: usize| !absorbs(patch, column) && problem.emission.of(patch)[column] != 0.0;
+    if !columns
+        .clone()
+        .any(|column| (0..count).any(|patch| is_suspect(patch, column)))
+    {
+        return Ok(());
+    }
+    let seen = multiply(factors, &Block::from_fn(count, 1, |_, _| 1.0), threads)?;
+    let escapes = |patch: usize| 1.0 - seen.of(patch)[0] - problem.back(patch) > OPEN_LEAST;
+    let found = enclosures(factors)?;
+    for column in columns {
+        let mut has_end = vec![false; found.len()];
+        let (mut gives, mut takes) = (has_end.clone(), has_end.clone());
+        for (patch, &enclosure) in found.of_patch().iter().enumerate() {
+            let emission = problem.emission.of(patch)[column];
+            has_end[enclosure as usize] |= absorbs(patch, column) || escapes(patch);
+            gives[enclosure as usize] |= emission > 0.0;
+            takes[enclosure as usize] |= emission < 0.0;
+        }
+        // Emissions of both signs may add up to 0.
+        let is_endless = |enclosure: usize| !has_end[enclosure] && gives[enclosure] != takes[enclosure];
+        if let Some(first) = (0..found.len()).find(|&enclosure| is_endless(enclosure)) {
+            let mut patches = (0..count).filter(|&patch| found.of_patch()[patch] as usize == first);
+            return Err(SolveError::Endless {
+                patch: patches.next().unwrap_or(0),
+                count: 1 + patches.count(),
+            });
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::InMemory;
+    use crate::solve::{InMemory, SolveOptions, solve};
 
     #[test]
     fn components_and_what_conducts() {
@@ -183,6 +224,53 @@ mod tests {
         assert_eq!(joined.of_patch(), [0, 1, 0, 0, 1]);
         assert_eq!(joined.len(), 2);
     }
+    #[test]
+    fn emission_that_neither_ends_nor_leaves_is_refused() {
+        // A room of patches 0 and 1, and one of 2 and 3 with `open` of each view to the outside.
+        let found = |reflectance: [f64; 4], emission: [f64; 4], open: f64| {
+            let mut rows = vec![vec![0.0; 4]; 4];
+            (rows[0][1], rows[1][0]) = (1.0, 1.0);
+            (rows[2][3], rows[3][2]) = (1.0 - open, 1.0 - open);
+            let problem = Problem {
+                reflectance: Block::from_fn(4, 1, |patch, _| reflectance[patch]),
+                bands: vec![0],
+                emission: Block::from_fn(4, 1, |patch, _| emission[patch]),
+                outside: None,
+                returned: None,
+            };
+            solve(&InMemory::dense(&rows), &problem, SolveOptions::default(), &mut |_| {
+                true
+            })
+        };
+        let white = [1.0; 4];
+        for (emission, open) in [
+            ([0.0, 1.0, 0.0, 0.0], 0.5),
+            ([1.0; 4], 0.0),
+            ([-1.0, 0.0, 0.0, 0.0], 0.5),
+        ] {
+            let refused = found(white, emission, open);
+            assert!(
+                matches!(refused, Err(SolveError::Endless { patch: 0, count: 2 })),
+                "{refused:?}"
+            );
+        }
+        let refused = found([0.5, 0.5, 1.0, 1.0], [1.0; 4], 1e-8);
+        assert!(
+            matches!(refused, Err(SolveError::Endless { patch: 2, count: 2 })),
+            "{refused:?}"
+        );
+        // Nothing emits there; one wall absorbs; a share escapes; what one patch emits another takes.
+        for (reflectance, emission, open) in [
+            (white, [0.0; 4], 0.0),
+            (white, [0.0, 0.0, 1.0, 0.0], 0.5),
+            ([1.0, 0.9, 1.0, 0.9], [1.0; 4], 0.0),
+            (white, [1.0, -1.0, 0.0, 0.0], 0.5),
+        ] {
+            let solution = found(reflectance, emission, open).expect("it has an end");
+            assert!(solution.converged && solution.radiosity.values().iter().all(|b| b.abs() < 100.0));
+        }
+    }
+
     #[test]
     fn a_small_opening_connects_and_rounding_does_not() {
         // Two rooms of two patches; of room 0 and 1, patch 1 has `weak` of its view on each patch of the other.

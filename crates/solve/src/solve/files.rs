@@ -14,7 +14,7 @@
 use super::Block;
 use hemicube_store::{
     DurableFile, ElementType, Error, FolderLock, Manifest, NpyHeader, NpzWriter, Result, Store, decode, file_checksum,
-    is_sealed_or_plain_json, read_exact_at, seal_json, write_whole,
+    is_sealed_or_plain_json, read_exact_at, seal_json,
 };
 use serde_json::{Value, json};
 use std::fs::File;
@@ -123,12 +123,28 @@ pub struct SolutionWriter {
     lock: FolderLock,
     identity: String,
     patches: u64,
-    files: Vec<(String, PathBuf, DurableFile)>,
+    files: Vec<Quantity>,
     rows: u64,
     /// Right-hand sides written, by quantity.
     written: Vec<u64>,
     /// Dropped last: then the folder has no file of an unfinished solution.
     _made: Option<MadeFolder>,
+}
+
+/// The file of a quantity, under its temporary name, and the checksum of what was written to it.
+struct Quantity {
+    name: String,
+    path: PathBuf,
+    file: DurableFile,
+    hasher: blake3::Hasher,
+}
+
+impl Quantity {
+    fn write(&mut self, bytes: &[u8], wanted: u64) -> Result<()> {
+        self.hasher.update(bytes);
+        let written = self.file.write_all(bytes);
+        written.map_err(|error| Error::write(&self.path, wanted, error))
+    }
 }
 
 /// A folder made for a solution: it goes with the solution that is not finished, if nothing else is in it.
@@ -156,7 +172,7 @@ impl std::fmt::Debug for SolutionWriter {
 
 impl SolutionWriter {
     /// Begins the solution `name` of `rows` right-hand sides, with a file for each of `quantities`. It replaces one of
-    /// that name once its files are written and named; a solution that is never finished leaves nothing.
+    /// that name once all of its files are on the disk; a solution that is never finished leaves nothing.
     ///
     /// # Errors
     /// When `name` is no name, the place cannot be written, or another process writes a solution of this name.
@@ -176,10 +192,14 @@ impl SolutionWriter {
         let mut files = Vec::new();
         for quantity in quantities {
             let path = directory.join(format!("{quantity}.npy"));
-            let mut file = DurableFile::create(&path)?;
-            file.write_all(&header)
-                .map_err(|error| Error::write(&path, 8 * rows * patches, error))?;
-            files.push(((*quantity).to_owned(), path, file));
+            let mut file = Quantity {
+                name: (*quantity).to_owned(),
+                file: DurableFile::create(&path)?,
+                path,
+                hasher: blake3::Hasher::new(),
+            };
+            file.write(&header, 8 * rows * patches)?;
+            files.push(file);
         }
         Ok(Self {
             identity: identity(store.manifest(), store.directory())?,
@@ -198,9 +218,9 @@ impl SolutionWriter {
     /// # Errors
     /// When the block is not of the matrix's patches, or cannot be written.
     pub fn append(&mut self, quantity: usize, block: &Block) -> Result<()> {
-        let (_, path, file) = &mut self.files[quantity];
+        let file = &mut self.files[quantity];
         if block.patches() as u64 != self.patches {
-            return Err(Error::refused(path, "the block is of another number of patches"));
+            return Err(Error::refused(&file.path, "the block is of another number of patches"));
         }
         let mut bytes = Vec::with_capacity(8 * block.patches());
         for column in 0..block.columns() {
@@ -208,8 +228,7 @@ impl SolutionWriter {
             for value in block.column(column) {
                 bytes.extend_from_slice(&value.to_le_bytes());
             }
-            file.write_all(&bytes)
-                .map_err(|error| Error::write(path, 8 * self.rows * self.patches, error))?;
+            file.write(&bytes, 8 * self.rows * self.patches)?;
         }
         self.written[quantity] += block.columns() as u64;
         Ok(())
@@ -219,29 +238,26 @@ impl SolutionWriter {
     /// the lock that protects it: a reader who follows holds that.
     ///
     /// # Errors
-    /// When right-hand sides are missing, or the files cannot be written.
-    pub fn finish(self, report: &Value) -> Result<(PathBuf, FolderLock)> {
+    /// When right-hand sides are missing, or the files cannot be written. An earlier solution stays then, unless it is
+    /// the names that cannot be given.
+    pub fn finish(mut self, report: &Value) -> Result<(PathBuf, FolderLock)> {
         if self.written.iter().any(|&written| written != self.rows) {
             return Err(Error::refused(
                 &self.directory,
                 format!("{:?} of {} right-hand sides were given", self.written, self.rows),
             ));
         }
-        // Without its report the old solution is none any more.
-        let report_path = self.directory.join(REPORT);
-        match std::fs::remove_file(&report_path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(Error::io(&report_path, "removed", error));
-            }
-            _ => {}
-        }
+        let wanted = 8 * self.rows * self.patches;
         let mut quantities = Vec::new();
         let mut checksums = serde_json::Map::new();
-        for (name, path, file) in self.files {
-            file.commit()
-                .map_err(|error| Error::write(&path, 8 * self.rows * self.patches, error))?;
-            checksums.insert(name.clone(), file_checksum(&path)?.into());
-            quantities.push(name);
+        for quantity in &mut self.files {
+            let synced = quantity.file.sync();
+            synced.map_err(|error| Error::write(&quantity.path, wanted, error))?;
+            checksums.insert(
+                quantity.name.clone(),
+                quantity.hasher.finalize().to_hex().as_str().into(),
+            );
+            quantities.push(quantity.name.clone());
         }
         let mut whole = json!({
             "format": FORMAT,
@@ -257,10 +273,28 @@ impl SolutionWriter {
                 whole.insert(key.clone(), value.clone());
             }
         }
-        let path = report_path;
+        let path = self.directory.join(REPORT);
         let text = serde_json::to_string_pretty(&whole)
             .map_err(|error| Error::refused(&path, format!("its report is no JSON: {error}")))?;
-        write_whole(&path, seal_json(text).as_bytes(), "")?;
+        let text = seal_json(text);
+        let unwritten = |error| Error::write(&path, text.len() as u64, error);
+        let mut report = DurableFile::create(&path)?;
+        report
+            .write_all(text.as_bytes())
+            .and_then(|()| report.sync())
+            .map_err(unwritten)?;
+        // All is on the disk, and only names are left to give. Without its report the old solution is none any more.
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(Error::io(&path, "removed", error));
+            }
+            _ => {}
+        }
+        for quantity in self.files {
+            let named = quantity.file.commit();
+            named.map_err(|error| Error::write(&quantity.path, wanted, error))?;
+        }
+        report.commit().map_err(unwritten)?;
         Ok((self.directory, self.lock))
     }
 }
@@ -509,5 +543,78 @@ impl ArrayFile {
             )),
             _ => Ok(values),
         }
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use hemicube_store::Store;
+
+    #[allow(
+        dead_code,
+        unreachable_pub,
+        clippy::cast_possible_truncation,
+        reason = "a file of the documentation's examples"
+    )]
+    mod room {
+        include!(concat!(env!("CARGO_MANIFEST_DIR"), "/../store/doc/room.rs"));
+    }
+
+    /// The store of the process whose files cannot grow.
+    const STORE: &str = "HEMICUBE_TEST_SOLUTION_STORE";
+
+    fn write(store: &Store, rows: u64, report: &Value) -> Result<()> {
+        let mut writer = SolutionWriter::create(store, "lamp", &["radiosity", "irradiance"], rows).expect("it begins");
+        let columns = usize::try_from(rows).expect("few");
+        let block = Block::from_fn(6, columns, |patch, row| (patch * columns + row) as f64);
+        for quantity in [0, 1] {
+            writer.append(quantity, &block).expect("it waits to be written");
+        }
+        writer.finish(report).map(drop)
+    }
+
+    #[test]
+    fn a_full_disk_leaves_the_earlier_solution() {
+        if let Some(path) = std::env::var_os(STORE) {
+            // Files cannot grow: those of the arrays in the first case, the report in the second.
+            let store = Store::open(Path::new(&path)).expect("a store");
+            for (rows, words) in [(4000, 0), (1, 1 << 18)] {
+                let report = json!({ "note": "word ".repeat(words) });
+                let refused = write(&store, rows, &report).expect_err("no room");
+                assert!(matches!(refused, Error::NoSpace { .. }), "{refused}");
+            }
+            return;
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("room.hemicube");
+        let store = room::stored(&path, 0.05).expect("a store");
+        write(&store, 2, &json!({ "note": "first" })).expect("there is room");
+        let name = "solve::files::tests::a_full_disk_leaves_the_earlier_solution";
+        let limited = std::process::Command::new("sh")
+            .args(["-c", "trap '' XFSZ; ulimit -f 128; exec \"$@\"", "sh"])
+            .arg(std::env::current_exe().expect("this program"))
+            .args(["--exact", name])
+            .env(STORE, &path)
+            .output()
+            .expect("sh runs");
+        let said = String::from_utf8_lossy(&limited.stdout);
+        assert!(limited.status.success() && said.contains("1 passed"), "{said}");
+        let kept = StoredSolution::open(&store, "lamp").expect("the earlier solution");
+        assert_eq!(kept.report()["note"], "first");
+        for quantity in ["radiosity", "irradiance"] {
+            let array = kept.quantity(quantity).expect("an array");
+            assert_eq!(array.row(1).expect("a row"), [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]);
+        }
+        let left = std::fs::read_dir(path.join("solutions/lamp"))
+            .expect("a folder")
+            .count();
+        assert_eq!(left, 3, "no temporary file is left");
+        // And with room the new one takes its place.
+        write(&store, 1, &json!({ "note": "second" })).expect("there is room");
+        assert_eq!(
+            StoredSolution::open(&store, "lamp").expect("a solution").report()["note"],
+            "second"
+        );
     }
 }

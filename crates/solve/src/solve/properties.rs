@@ -99,7 +99,7 @@ type Result<T> = std::result::Result<T, PropertyError>;
 
 /// A number for all bands, or one for each.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "one number, or a list with one for each band, is needed")]
 pub enum Spectrum {
     /// All bands.
     Grey(f64),
@@ -125,7 +125,7 @@ pub struct Temperature {
 }
 
 #[derive(Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a number of kelvin, or a text such as \"20 °C\", is needed")]
 enum TemperatureAsWritten {
     Number(f64),
     Text(String),
@@ -1039,10 +1039,13 @@ fn check_conditions(tables: &Tables) -> Result<()> {
                 "leave one of them out: a surface has one thermal condition",
             ));
         }
-        if let Some(bad) = entry.flux.iter().chain(&entry.heat).find(|value| !value.is_finite()) {
-            return Err(PropertyError::new(format!(
-                "`{table}` has a flux of {bad}; it is a finite number"
-            )));
+        for (key, unit, value) in [("flux", "W/m²", entry.flux), ("heat", "W", entry.heat)] {
+            if let Some(bad) = value.filter(|value| !value.is_finite()) {
+                return Err(PropertyError::new(format!(
+                    "`{table}`: `{key}` is {bad}; a finite number of {unit} is needed, above 0 where the surface gives \
+                     heat off"
+                )));
+            }
         }
     }
     Ok(())
@@ -1446,6 +1449,40 @@ mod tests {
             "{\"flus\": 3}",
         ] {
             assert!(serde_json::from_str::<Entry>(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_value_of_another_kind_is_told_what_is_needed() {
+        let told = |json: &str| serde_json::from_str::<Entry>(json).expect_err(json).to_string();
+        for wrong in ["[300]", "true", "{}"] {
+            let temperature = told(&format!("{{\"temperature\": {wrong}}}"));
+            let needed = "a number of kelvin, or a text such as \"20 °C\", is needed";
+            assert!(temperature.starts_with(needed), "{temperature}");
+        }
+        for wrong in ["\"x\"", "[true]"] {
+            let spectrum = told(&format!("{{\"reflectance\": {wrong}}}"));
+            assert!(
+                spectrum.starts_with("one number, or a list with one for each band, is needed"),
+                "{spectrum}"
+            );
+        }
+        let named = Named {
+            objects: &[],
+            materials: &[],
+            object: &[],
+            material: &[],
+        };
+        for (key, unit) in [("flux", "W/m²"), ("heat", "W")] {
+            let mut tables = Tables::default();
+            let value = Some(f64::NAN);
+            match key {
+                "flux" => tables.default.flux = value,
+                _ => tables.default.heat = value,
+            }
+            let reason = Properties::new(named, None, tables).expect_err(key).reason;
+            let expected = format!("`[default]`: `{key}` is NaN; a finite number of {unit} is needed");
+            assert!(reason.starts_with(&expected), "{reason}");
         }
     }
 

@@ -202,8 +202,9 @@ pub(super) fn keeps_patches(arguments: &Arguments) -> bool {
 }
 
 /// Columns of tables that are no group.
-const OWN_COLUMNS: [&str; 14] = [
-    "point", "x", "y", "z", "nx", "ny", "nz", "body", "place", "sky", "ground", "blocked", "change", "mrt",
+const OWN_COLUMNS: [&str; 16] = [
+    "point", "x", "y", "z", "nx", "ny", "nz", "body", "place", "sky", "ground", "blocked", "passed", "cut_off",
+    "change", "mrt",
 ];
 
 /// Groups of patches: the columns of tables. Those of one name are one.

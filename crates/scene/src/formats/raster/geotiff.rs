@@ -252,6 +252,18 @@ impl Place {
             .find_tag_unsigned_vec(Tag::GeoKeyDirectoryTag)
             .map_err(wrong)?
             .unwrap_or_default();
+        if cell[1] < 0.0 {
+            return Err(Error::unsupported(
+                "has its rows from south to north; a height model has north up: `gdalwarp IN.tif OUT.tif` turns it \
+                 over",
+            ));
+        }
+        if cell[0] < 0.0 {
+            return Err(Error::unsupported(
+                "has its columns from east to west; a height model has north up: `gdalwarp IN.tif OUT.tif` turns it \
+                 over",
+            ));
+        }
         // A key, the tag of its value (0: here), a count, the value. The first four are the version.
         let value = |key: u16| {
             let found = keys

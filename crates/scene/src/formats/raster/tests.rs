@@ -170,6 +170,22 @@ fn what_is_no_height_model_is_said_with_its_line() {
 
 /// A TIFF with the tags of a GeoTIFF.
 fn tiff_of(size: [u32; 2], bands: usize, values: &[f32], keys: &[u16], tie: [f64; 6]) -> Vec<u8> {
+    use ::tiff::tags::Tag;
+    let place = [
+        (Tag::ModelPixelScaleTag, &[2.0, 2.0, 0.0][..]),
+        (Tag::ModelTiepointTag, &tie[..]),
+    ];
+    tiff_at(size, bands, values, keys, &place)
+}
+
+/// Likewise, with these tags of where its cells lie.
+fn tiff_at(
+    size: [u32; 2],
+    bands: usize,
+    values: &[f32],
+    keys: &[u16],
+    place: &[(::tiff::tags::Tag, &[f64])],
+) -> Vec<u8> {
     use ::tiff::encoder::{TiffEncoder, colortype::Gray32Float};
     use ::tiff::tags::{ExtraSamples, Tag};
     let mut file = std::io::Cursor::new(Vec::new());
@@ -180,9 +196,9 @@ fn tiff_of(size: [u32; 2], bands: usize, values: &[f32], keys: &[u16], tie: [f64
         image.extra_samples(&more).expect("bands");
     }
     let tags = image.encoder();
-    tags.write_tag(Tag::ModelPixelScaleTag, &[2.0, 2.0, 0.0][..])
-        .expect("a tag");
-    tags.write_tag(Tag::ModelTiepointTag, &tie[..]).expect("a tag");
+    for (tag, numbers) in place {
+        tags.write_tag(*tag, *numbers).expect("a tag");
+    }
     tags.write_tag(Tag::GeoKeyDirectoryTag, keys).expect("a tag");
     tags.write_tag(Tag::GdalNodata, "-3.4028234663852886e+38")
         .expect("a tag");
@@ -409,6 +425,37 @@ fn a_tiff_without_a_place_in_degrees_or_of_colours_is_refused() {
         .write_image::<::tiff::encoder::colortype::Gray8>(1, 1, &[1])
         .expect("an image");
     refused(&file.into_inner(), "where its cells lie");
+}
+
+#[test]
+fn a_geotiff_with_south_up_is_named_as_such() {
+    use ::tiff::tags::Tag;
+    let keys = [1, 1, 0, 1, 1024, 0, 1, 1];
+    let refused = |place: &[(Tag, &[f64])], reason: &str| {
+        let bytes = tiff_at([1, 2], 1, &[1.0, 2.0], &keys, place);
+        let error = read(&bytes, None, ReadOptions::default())
+            .expect_err(reason)
+            .to_string();
+        assert!(
+            error.contains(reason) && error.contains("`gdalwarp IN.tif OUT.tif`"),
+            "{error}"
+        );
+    };
+    let turned = |dx: f64, dy: f64| {
+        let mut matrix = [0.0; 16];
+        (matrix[0], matrix[5], matrix[15]) = (dx, dy, 1.0);
+        matrix
+    };
+    let matrix = Tag::ModelTransformationTag;
+    refused(&[(matrix, &turned(2.0, 2.0))], "from south to north");
+    refused(&[(matrix, &turned(-2.0, -2.0))], "from east to west");
+    let tie = (Tag::ModelTiepointTag, &[0.0; 6][..]);
+    refused(
+        &[(Tag::ModelPixelScaleTag, &[2.0, -2.0, 0.0]), tie],
+        "from south to north",
+    );
+    let north_up = tiff_at([1, 2], 1, &[1.0, 2.0], &keys, &[(matrix, &turned(2.0, -2.0))]);
+    assert!(read(&north_up, None, ReadOptions::default()).is_ok());
 }
 
 #[test]
