@@ -6,7 +6,7 @@ use crate::extremes;
 use crate::geometry::{box_inside, even, flipped, grid, irrational_rotation, moved, scene_of, scene_with_sides};
 use crate::rays::pixels;
 use crate::rows::{hemicubes, render_with, rolled, spread};
-use crate::scenes::{model, say};
+use crate::scenes::{generated, model, read, say, scenes_or_skip};
 use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings, WHOLE};
@@ -448,6 +448,24 @@ pub fn agrees_with_the_cpu(open: Open<'_>, options: &str, name: &str, model: &Mo
     assert!(apart.mean <= 1e-3, "{name}: {apart:?}");
     assert!(apart.worst <= most.row, "{name}: {apart:?}");
     apart
+}
+
+/// Agreement with the CPU backend in cities: 140,000 patches of towers, and with the scenes `munich` and
+/// `denhaag-8897`, its triangles in 16.
+///
+/// # Panics
+/// See [`agrees_with_the_cpu`].
+pub fn cities_agree_with_the_cpu(open: Open<'_>, options: &str) {
+    let towers = generated(Kind::BlockCity, 140_000);
+    agrees_with_the_cpu(open, options, "140,000 patches of towers", &towers, EXACT_EDGES);
+    let Some(folder) = scenes_or_skip("rows of large cities") else {
+        return;
+    };
+    let of_file = |file: &str, cut| model(read(&folder, file).expect("a readable scene"), cut);
+    let munich = of_file("../cases/city/munich.obj", Subdivision::None);
+    agrees_with_the_cpu(open, options, "munich", &munich, SHARED_WALLS);
+    let fine = of_file("city/denhaag-8897.obj", Subdivision::Levels(2));
+    agrees_with_the_cpu(open, options, "denhaag-8897 ×16", &fine, SHARED_WALLS);
 }
 
 /// Rows are the sums of the session's own item buffers, and no more comes back than their entries.

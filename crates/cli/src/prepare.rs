@@ -215,13 +215,25 @@ impl RenderArguments {
         }
     }
 
-    /// Opens the backend asked for.
+    /// Opens the backend asked for. Where memory is limited, its sessions share a quarter on devices that have no memory
+    /// of their own: [`of_devices`].
     ///
     /// # Errors
     /// When there is none of that name, or it does not open.
-    pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
-        self.engine.open_backend(talk)
+    pub(crate) fn open_backend(&self, memory: Option<u64>, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
+        let options = Options::parse(&self.engine.backend_option)?;
+        let options = match memory {
+            Some(limit) => options.within(of_devices(limit) / self.thread_count().max(1) as u64),
+            None => options,
+        };
+        self.engine.open_with(&options, talk)
     }
+}
+
+/// The share of a limit of memory that devices without memory of their own may take. A choice: with less, large scenes
+/// are refused there; with more, fewer threads are left.
+pub(crate) fn of_devices(limit: u64) -> u64 {
+    limit / 4
 }
 
 impl EngineSettings {
@@ -259,22 +271,25 @@ impl EngineSettings {
     /// # Errors
     /// When there is none of that name, or it does not open.
     pub(crate) fn open_backend(&self, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
-        let options = Options::parse(&self.backend_option)?;
+        self.open_with(&Options::parse(&self.backend_option)?, talk)
+    }
+
+    fn open_with(&self, options: &Options, talk: Talk) -> Result<Box<dyn HemicubeBackend>> {
         // Engines are the built-in backend's: choosing one chooses it.
         if self.backend == BUILT_IN || (self.backend == "auto" && self.engine != Engine::Auto) {
-            return self.built_in(&options);
+            return self.built_in(options);
         }
         let registry = registry();
         if self.backend != "auto" {
             let backend = registry
-                .open(&self.backend, &options)
+                .open(&self.backend, options)
                 .map_err(|error| hinted(error.into(), BACKENDS_HINT))?;
             return self.loaded(backend);
         }
         // Not those of this run: a store must not depend on how many compute it. Where another part of a store was
         // computed with other processors to hand, the two backends are told apart, and naming one settles it.
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let auto = registry.auto(&options, threads);
+        let auto = registry.auto(options, threads);
         let taken = auto.taken.as_ref().map_or(BUILT_IN, |backend| backend.library().name());
         let reasons: Vec<String> = auto
             .passed_over
@@ -290,7 +305,7 @@ impl EngineSettings {
         }
         match auto.taken {
             Some(backend) => self.loaded(backend),
-            None => self.built_in(&options),
+            None => self.built_in(options),
         }
     }
 

@@ -10,6 +10,7 @@ use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::close::is_close;
 use hemicube::row::RowBlock;
 use hemicube_backend_cpu::CpuBackend;
+use hemicube_host::DeviceKind;
 use hemicube_scene::generate::Kind;
 use hemicube_scene::{InputPatch, Scene, Subdivision, Triangle};
 use hemicube_tests::devices::{EXACT_EDGES, is_there};
@@ -100,9 +101,15 @@ fn each_keeps_all_of_the_conformance_suite() {
 /// Tiles count no triangles, so that what is culled is not claimed.
 #[test]
 #[ignore = "tiles are several times as dear on a driver that renders on the processor: ./test --full"]
-fn wgpu_keeps_the_conformance_suite_drawing_by_compute() {
-    let unclaimed = keeps_the_conformance_suite("wgpu", &["--backend-option", "draw=compute"]);
-    assert!(unclaimed.iter().all(|line| line.contains("culls")), "{unclaimed:?}");
+fn each_keeps_the_conformance_suite_drawing_by_compute() {
+    for name in NAMES {
+        let mut unclaimed = keeps_the_conformance_suite(name, &["--backend-option", "draw=compute"]);
+        unclaimed.retain(|line| name != "gl" || !line.contains("/rays"));
+        assert!(
+            unclaimed.iter().all(|line| line.contains("culls")),
+            "{name}: {unclaimed:?}"
+        );
+    }
 }
 
 /// The share of the pixels that differ from the built-in backend's, by the suite's own words, of each scene.
@@ -289,6 +296,37 @@ fn together_in_one_process_their_rows_are_those_of_each_alone() {
             });
         }
     });
+}
+
+/// Drivers on the processor have its memory. Sessions of two threads share a quarter of the limit.
+#[test]
+fn a_limit_of_memory_holds_for_devices_that_have_no_memory_of_their_own() {
+    let place = tempfile::tempdir().expect("a temporary directory");
+    let run = |words: &str| {
+        let output = Command::new(program())
+            .args(words.split(' '))
+            .current_dir(place.path())
+            .env("HEMICUBE_BACKEND_PATH", folder())
+            .output()
+            .expect("the program starts");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    run("generate room --patches 300 -o room.obj");
+    for name in NAMES {
+        let Ok(session) = try_session(&rust(name), &[]) else {
+            assert!(!has_device(name));
+            continue;
+        };
+        let compute = format!(
+            "compute room.obj -o {name} --backend {name} --threads 2 --correction pixel --resolution 512 --memory 64M"
+        );
+        if session.library().devices().expect("devices")[0].kind == DeviceKind::Software {
+            let said = run(&compute);
+            assert!(said.contains("of which 8000000 may be used"), "{name}: {said}");
+        }
+        let said = run(&format!("{compute} --backend-option memory=1000000000"));
+        assert!(!said.contains("may be used"), "{name}: {said}");
+    }
 }
 
 /// In the row of patch 4810 of this tile, a wall shared by two houses stands right before the whole view. The plugins

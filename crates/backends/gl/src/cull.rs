@@ -2,6 +2,8 @@
 
 use crate::render::Scene;
 use hemicube_contract::backend::Counters;
+use hemicube_shaders::Draw;
+use hemicube_shaders::session::BY_TILES;
 
 /// The ways of culling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,22 +121,26 @@ impl Scene {
                 self.plan.batch,
                 self.plan.group
             ),
-            format!(
-                "culling: {}{}{}",
-                self.cull.words(),
-                match self.cull {
-                    Cull::Queries | Cull::Marks => format!(
-                        " (of nodes down to level {} with more than {} triangles)",
-                        self.options.max_level, self.few
-                    ),
-                    _ => String::new(),
-                },
-                if self.trial.gave_up {
-                    "; too little is hidden for more"
-                } else {
-                    ""
-                }
-            ),
+            if self.plan.draw == Draw::Compute {
+                BY_TILES.to_owned()
+            } else {
+                format!(
+                    "culling: {}{}{}",
+                    self.cull.words(),
+                    match self.cull {
+                        Cull::Queries | Cull::Marks => format!(
+                            " (of nodes down to level {} with more than {} triangles)",
+                            self.options.max_level, self.few
+                        ),
+                        _ => String::new(),
+                    },
+                    if self.trial.gave_up {
+                        "; too little is hidden for more"
+                    } else {
+                        ""
+                    }
+                )
+            },
         ]
     }
 }

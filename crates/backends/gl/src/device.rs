@@ -17,6 +17,7 @@
 use crate::conv;
 use glow::HasContext;
 use hemicube_contract::backend::BackendError;
+use hemicube_shaders::OfStage;
 use std::ffi::{CStr, c_char, c_void};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -415,6 +416,8 @@ pub(crate) struct Limits {
     pub(crate) texture_size: u32,
     /// Layers of a texture.
     pub(crate) layers: u32,
+    /// Those of a compute stage.
+    pub(crate) of_stage: OfStage,
 }
 
 /// Functions of OpenGL 4.5 missing in glow.
@@ -577,6 +580,11 @@ impl Device {
                 storage_range: u64::from(at_least_zero(gl.get_parameter_i32(glow::MAX_SHADER_STORAGE_BLOCK_SIZE))),
                 texture_size: at_least_zero(gl.get_parameter_i32(glow::MAX_TEXTURE_SIZE)),
                 layers: at_least_zero(gl.get_parameter_i32(glow::MAX_ARRAY_TEXTURE_LAYERS)),
+                of_stage: OfStage {
+                    threads: at_least_zero(gl.get_parameter_i32(glow::MAX_COMPUTE_WORK_GROUP_INVOCATIONS)),
+                    shared_bytes: at_least_zero(gl.get_parameter_i32(glow::MAX_COMPUTE_SHARED_MEMORY_SIZE)),
+                    storage_buffers: at_least_zero(gl.get_parameter_i32(glow::MAX_COMPUTE_SHADER_STORAGE_BLOCKS)),
+                },
             };
             if debug {
                 let sink = Arc::clone(&messages);

@@ -6,8 +6,8 @@
 //! and Guartes 2017.
 //!
 //! Options: `baseline=best|original|thesis`, `cull=auto|off|view|frustum|queries|marks|depth`, `edges=exact|driver`
-//! (the judge of pixels near edges: docs/dev/gpu.md), `max_level=N` and `min_patches=N` of the octree for queries and
-//! marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
+//! (the judge of pixels near edges: docs/dev/gpu.md), `draw=raster|compute|auto`, `max_level=N` and `min_patches=N` of
+//! the octree for queries and marks, `batch=N`, `group=N`, `memory=BYTES`, `timing=on`, `debug=on`.
 
 mod ask;
 mod conv;
@@ -28,7 +28,7 @@ use hemicube_contract::backend::{
 };
 use hemicube_contract::face::Items;
 use hemicube_contract::row::RowBlock;
-use hemicube_shaders::Draw;
+use hemicube_shaders::probe::{self, Probe};
 use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded};
 use options::Options;
 use render::{Programs, Scene};
@@ -79,6 +79,13 @@ fn capabilities(dense: bool) -> Capabilities {
     }
 }
 
+/// The options of a session, drawing as a probe of the device finds where `draw=auto` asks for it.
+fn options_of(device: u32, options: &str) -> Result<Options, BackendError> {
+    Options::parse(options, |given| {
+        probe::probe(device, |draw| Session::open_with(device, given.drawing(draw)))
+    })
+}
+
 /// A session: a context of its own on a device.
 pub struct Session {
     // Before the device, because it is dropped first and needs the context. The context takes all with it.
@@ -105,20 +112,21 @@ impl Session {
     /// # Errors
     /// When there is no such device or option, or the device does not open.
     pub fn open(device: u32, options: &str) -> Result<Self, BackendError> {
-        Self::open_with(device, Options::parse(options)?)
+        Self::open_with(device, options_of(device, options)?)
     }
 
     fn open_with(device: u32, options: Options) -> Result<Self, BackendError> {
         let device = Device::open(device, options.debug)?;
+        options.draw.check(&device.name, device.limits.of_stage)?;
         let programs = {
             let entered = device.enter()?;
-            let programs = Programs::new(&entered, options.edges)?;
+            let programs = Programs::new(&entered, options.draw, options.edges)?;
             entered.check("compiling shaders")?;
             programs
         };
         let info = BackendInfo {
             name: "gl".to_owned(),
-            version: session::version(Draw::Raster, options.edges),
+            version: session::version(options.draw, options.edges),
             device: device.name.clone(),
             capabilities: capabilities(options.dense()),
             preferred_rows: PREFERRED_ROWS,
@@ -201,7 +209,8 @@ impl HemicubeBackend for Session {
     }
 
     fn choices(&self) -> Vec<String> {
-        self.scene.as_ref().map_or_else(Vec::new, Scene::choices)
+        let probe = self.options.probe.iter().map(Probe::line);
+        self.scene.iter().flat_map(Scene::choices).chain(probe).collect()
     }
 
     fn stage_times(&self) -> StageTimes {

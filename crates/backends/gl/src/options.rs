@@ -2,9 +2,10 @@
 
 use crate::cull::Cull;
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::Edges;
 use hemicube_shaders::chunks::FEWEST_FOR_OCCLUSION;
-use hemicube_shaders::options::{Common, bytes, choice, number};
+use hemicube_shaders::options::{Common, bytes, choice, draw, number};
+use hemicube_shaders::probe::Probe;
+use hemicube_shaders::{Draw, Edges};
 
 /// A method to measure against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,13 +18,16 @@ enum Baseline {
 }
 
 /// The options of a session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Options {
     baseline: Baseline,
     /// `None` for the choice by scene.
     cull: Option<Cull>,
     /// The judge of pixels near edges.
     pub(crate) edges: Edges,
+    pub(crate) draw: Draw,
+    /// What a probe of the device found, if `draw` is by one.
+    pub(crate) probe: Option<Probe>,
     /// Nodes of the octree at this level are not divided.
     pub(crate) max_level: u32,
     /// Nodes with no more triangles than this are drawn without a query. `None` for the choice by scene.
@@ -39,8 +43,11 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// Reads `key=value,key=value`.
-    pub(crate) fn parse(text: &str) -> Result<Self, BackendError> {
+    /// Reads `key=value,key=value`. `probe` is asked for `draw=auto`, with the other options.
+    pub(crate) fn parse(
+        text: &str,
+        probe: impl FnOnce(Self) -> Result<Probe, BackendError>,
+    ) -> Result<Self, BackendError> {
         let mut given = hemicube_abi::Options::parse(text)?;
         let baseline = choice(
             &mut given,
@@ -70,10 +77,14 @@ impl Options {
             Baseline::Best => Edges::default(),
             Baseline::Original | Baseline::Thesis => Edges::Driver,
         };
-        let options = Self {
+        // The words of `cull` differ from other backends': any of them is culling that tiles do not know.
+        let drawn = draw(&mut given, common.edges, cull.flatten().is_some())?;
+        let mut options = Self {
             baseline,
             cull: cull.flatten(),
             edges: common.edges.unwrap_or(edges),
+            draw: drawn.unwrap_or_default(),
+            probe: None,
             max_level: number(&mut given, "max_level", 0, u32::MAX)?.unwrap_or(16),
             min_patches: number(&mut given, "min_patches", 0, u32::MAX)?,
             batch: common.batch,
@@ -93,7 +104,22 @@ impl Options {
                 "a baseline has the driver's edges: leave out `edges=exact`, or `baseline`".to_owned(),
             ));
         }
+        if options.baseline != Baseline::Best && drawn != Some(Draw::Raster) {
+            return Err(BackendError::InvalidArgument(
+                "a baseline is drawn by the rasteriser: leave out `draw`, or `baseline`".to_owned(),
+            ));
+        }
+        if drawn.is_none() {
+            let found = probe(options)?;
+            options.draw = found.draw;
+            options.probe = Some(found);
+        }
         Ok(options)
+    }
+
+    /// The same, drawing in a given way.
+    pub(crate) fn drawing(self, draw: Draw) -> Self {
+        Self { draw, ..self }
     }
 
     /// Returns whether whole rows are read back, one hemicube at a time.
@@ -106,6 +132,8 @@ impl Options {
         // With more triangles, a trial tells whether it pays (`Scene::judge`).
         let few = triangles < FEWEST_FOR_OCCLUSION;
         match (self.baseline, culling) {
+            // Tiles leave out what they do not see.
+            _ if self.draw == Draw::Compute => Cull::Off,
             (Baseline::Original, _) | (_, false) => Cull::Off,
             (Baseline::Thesis, true) => Cull::Queries,
             (Baseline::Best, true) => match self.cull {
@@ -134,6 +162,16 @@ impl Options {
 mod tests {
     use super::*;
 
+    fn parse(text: &str) -> Result<Options, BackendError> {
+        Options::parse(text, |_| {
+            Ok(Probe {
+                draw: Draw::Compute,
+                raster: 2.0,
+                compute: Some(1.0),
+            })
+        })
+    }
+
     #[test]
     fn what_is_not_understood_is_named() {
         for (text, named) in [
@@ -144,18 +182,24 @@ mod tests {
             ("edges=sharp", "sharp"),
             ("baseline=original,edges=exact", "edges"),
             ("timing=perhaps", "perhaps"),
+            ("draw=compute,cull=marks", "cull"),
+            ("draw=compute,edges=driver", "edges"),
+            ("draw=auto,baseline=thesis", "baseline"),
         ] {
-            let error = Options::parse(text).expect_err(text).to_string();
+            let error = parse(text).expect_err(text).to_string();
             assert!(error.contains(named), "{text}: {error}");
         }
-        let options = Options::parse("cull=queries,max_level=5,min_patches=600,batch=3").expect("good options");
+        let options = parse("cull=queries,max_level=5,min_patches=600,batch=3").expect("good options");
         assert_eq!(
             (options.max_level, options.min_patches, options.batch),
             (5, Some(600), Some(3))
         );
         assert_eq!(options.cull_for(true, true, true, 100_000), Cull::Queries);
         assert_eq!(options.cull_for(false, true, true, 100_000), Cull::Off);
-        let by_scene = Options::parse("").expect("nothing asked");
+        let probed = parse("draw=auto").expect("probed");
+        assert_eq!((probed.draw, probed.probe.is_some()), (Draw::Compute, true));
+        assert_eq!(probed.cull_for(true, false, true, 100_000), Cull::Off);
+        let by_scene = parse("").expect("nothing asked");
         let chosen = |software, triangles| by_scene.cull_for(true, software, true, triangles);
         assert_eq!([chosen(true, 8_860), chosen(true, 100_000)], [Cull::View, Cull::Marks]);
         assert_eq!(

@@ -38,7 +38,7 @@ pub(crate) struct Programs {
 }
 
 impl Programs {
-    pub(crate) fn new(entered: &Entered<'_>, edges: Edges) -> Result<Self, BackendError> {
+    pub(crate) fn new(entered: &Entered<'_>, draw: Draw, edges: Edges) -> Result<Self, BackendError> {
         let depth = include_str!("glsl/depth.frag");
         let compute = |stage: &Stage| program(entered, stage.entry, &[(glow::COMPUTE_SHADER, stage.glsl)]);
         let drawing = |name: &str, vertex: &str, fragment: &str| {
@@ -49,7 +49,7 @@ impl Programs {
             )
         };
         let [ids, ids_of_others] = identify(edges);
-        let stages = compute_stages(Draw::Raster, edges, &[false]).into_iter();
+        let stages = compute_stages(draw, edges, &[false]).into_iter();
         let compute = stages.map(|stage| Ok((stage.entry, compute(stage)?)));
         Ok(Self {
             depths: [
@@ -136,7 +136,7 @@ impl Scene {
         settings: RenderSettings,
         options: Options,
     ) -> Result<Self, BackendError> {
-        let upload = Upload::of(geometry, Draw::Raster)?;
+        let upload = Upload::of(geometry, options.draw)?;
         let plan = Plan::new(&upload, settings, limits(device, &options))?;
         let cull = options.cull_for(
             settings.culling == Culling::On,
@@ -363,22 +363,23 @@ impl Scene {
 }
 
 fn limits(device: &Device, options: &Options) -> Limits {
-    // On software, batches gain nothing and a second hemicube in flight costs caches; elsewhere both hide latencies.
-    let (group, batch) = if device.software { (1, 16) } else { (16, 64) };
+    let at_once = options.draw.at_once(device.software);
     let batch = if options.dense() {
         1
     } else {
-        options.batch.unwrap_or(batch)
+        options.batch.unwrap_or(at_once.batch)
     };
     Limits {
         storage_range: device.limits.storage_range.min(i32::MAX as u64),
         memory: options.memory.unwrap_or(u64::MAX),
         layers: device.limits.layers,
         image_edge: device.limits.texture_size,
-        group: options.group.unwrap_or(group).min(batch),
+        group: options.group.unwrap_or(at_once.group).min(batch),
         batch,
+        tile_groups: at_once.tile_groups,
+        tiles_each: at_once.tiles_each,
         copies_depths: false,
         edges: options.edges,
-        draw: Draw::Raster,
+        draw: options.draw,
     }
 }

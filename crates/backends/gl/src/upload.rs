@@ -8,7 +8,7 @@ use hemicube_contract::backend::{BackendError, Geometry};
 use hemicube_shaders::stage::binding;
 use hemicube_shaders::upload::{VERTEX_BYTES, contents, split};
 use hemicube_shaders::view::{FACES, VIEW_BYTES};
-use hemicube_shaders::{Edges, Plan, Upload};
+use hemicube_shaders::{Draw, Edges, Plan, Upload};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -293,7 +293,7 @@ impl Store {
         unsafe {
             gl.bind_texture_unit(binding::ITEMS, Some(items));
             gl.bind_texture_unit(binding::DEPTHS, Some(depths));
-            if plan.edges == Edges::Exact {
+            if plan.edges == Edges::Exact || plan.draw == Draw::Compute {
                 gl.bind_image_texture(ITEMS_UNIT, Some(items), 0, true, 0, glow::WRITE_ONLY, glow::R32UI);
             }
         }

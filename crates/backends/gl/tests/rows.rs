@@ -39,6 +39,37 @@ fn rows_agree_with_the_cpu_backend() {
 }
 
 #[test]
+#[ignore = "a driver that renders on the processor compiles these shaders for half a minute: ./test --full"]
+fn rows_drawn_by_compute_are_the_cpu_s() {
+    if is_there("gl", &gl("")) {
+        for (name, model) in devices::scenes() {
+            devices::agrees_with_the_cpu(&gl, "draw=compute", name, &model, devices::EXACT_EDGES);
+        }
+    }
+}
+
+#[test]
+#[ignore = "a driver that renders on the processor compiles these shaders for half a minute: ./test --full"]
+fn rows_drawn_by_compute_do_not_depend_on_batches_or_the_run() {
+    if !is_there("gl", &gl("")) {
+        return;
+    }
+    let options = ["draw=compute", "draw=compute,batch=1", "draw=compute,group=5,batch=10"];
+    let (name, model) = devices::scenes().swap_remove(0);
+    for (resolution, covered) in [(64, true), (176, false)] {
+        devices::rows_do_not_depend(&gl, &options, name, &model, &some(&model, 24), covered, resolution);
+    }
+}
+
+#[test]
+#[ignore = "a minute and a half on a driver that renders on the processor: ./test --full"]
+fn rows_of_large_cities_drawn_by_compute_are_the_cpu_s() {
+    if is_there("gl", &gl("")) {
+        devices::cities_agree_with_the_cpu(&gl, "draw=compute");
+    }
+}
+
+#[test]
 fn exact_edges_are_told_from_the_drivers() {
     if is_there("gl", &gl("")) {
         devices::the_drivers_edges_are_told_from_exact_ones(&gl);

@@ -127,7 +127,11 @@ fn devices(there: &[Device]) -> String {
 /// that are `on` for what the host does by itself otherwise: `passes` has the backend draw what is seen through portals,
 /// if it can, `rays` has it cast rays.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Options(BTreeMap<String, String>);
+pub struct Options {
+    given: BTreeMap<String, String>,
+    /// See [`Options::within`].
+    memory: Option<u64>,
+}
 
 /// What a backend does only where it is asked to.
 const SWITCHES: [&str; 2] = ["passes", "rays"];
@@ -163,36 +167,54 @@ impl Options {
                 return Err(OpenError::Twice(option.to_owned()));
             }
         }
-        Ok(Self(options))
+        Ok(Self {
+            given: options,
+            memory: None,
+        })
+    }
+
+    /// Bounds what a session of the project's plugins takes, in bytes, where its device has the processor's memory and no
+    /// option `memory` says otherwise.
+    #[must_use]
+    pub fn within(mut self, bytes: u64) -> Self {
+        self.memory = Some(bytes);
+        self
     }
 
     /// Has the backend draw passes and cast rays, if it can and no option says otherwise.
     #[must_use]
     pub fn with_passes_and_rays(mut self) -> Self {
         for key in SWITCHES {
-            self.0.entry(key.to_owned()).or_insert_with(|| "on".to_owned());
+            self.given.entry(key.to_owned()).or_insert_with(|| "on".to_owned());
         }
         self
     }
 
     /// Returns whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.given.is_empty()
     }
 
     fn device(&self) -> Option<&str> {
-        self.0.get("device").map(String::as_str)
+        self.given.get("device").map(String::as_str)
     }
 
     fn is_on(&self, switch: &str) -> bool {
-        self.0.get(switch).is_some_and(|value| value == "on")
+        self.given.get(switch).is_some_and(|value| value == "on")
     }
 
-    /// Returns all but the host's own, in the table's form.
-    fn for_plugin(&self) -> String {
+    /// Returns all but the host's own, in the table's form, for a plugin and the kind of its device.
+    fn for_plugin(&self, plugin: &str, kind: DeviceKind) -> String {
         let is_own = |key: &str| key == "device" || SWITCHES.contains(&key);
-        let pairs = self.0.iter().filter(|(key, _)| !is_own(key));
-        let pairs: Vec<String> = pairs.map(|(key, value)| format!("{key}={value}")).collect();
+        let pairs = self.given.iter().filter(|(key, _)| !is_own(key));
+        let mut pairs: Vec<String> = pairs.map(|(key, value)| format!("{key}={value}")).collect();
+        if let Some(bytes) = self.memory
+            && matches!(kind, DeviceKind::Software | DeviceKind::IntegratedGpu)
+            && AUTO.contains(&plugin)
+            && !self.given.contains_key("memory")
+        {
+            pairs.push(format!("memory={bytes}"));
+        }
         pairs.join(",")
     }
 }
@@ -499,7 +521,9 @@ fn open_on(library: Arc<Library>, devices: Vec<Device>, options: &Options) -> Re
         });
     };
     let number = u32::try_from(chosen).unwrap_or(u32::MAX);
-    let mut opened = LoadedBackend::open(library, number, devices[chosen].clone(), &options.for_plugin())
+    let device = devices[chosen].clone();
+    let for_plugin = options.for_plugin(&name, device.kind);
+    let mut opened = LoadedBackend::open(library, number, device, &for_plugin)
         .map_err(|source| OpenError::Backend { name, source })?;
     if !options.is_on("passes") {
         opened = opened.without_passes();
@@ -518,7 +542,18 @@ mod tests {
     #[test]
     fn options_are_judged() {
         let good = Options::parse(&["timing=on", "device=1", "a=b=c"]).expect("good options");
-        assert_eq!(good.for_plugin(), "a=b=c,timing=on");
+        let on_software = |options: &Options, plugin| options.for_plugin(plugin, DeviceKind::Software);
+        assert_eq!(on_software(&good, "vulkan"), "a=b=c,timing=on");
+        let bounded = good.clone().within(4096);
+        assert_eq!(on_software(&bounded, "vulkan"), "a=b=c,timing=on,memory=4096");
+        assert_eq!(
+            on_software(&bounded, "another"),
+            "a=b=c,timing=on",
+            "it may know no such option"
+        );
+        assert_eq!(bounded.for_plugin("vulkan", DeviceKind::DiscreteGpu), "a=b=c,timing=on");
+        let own = Options::parse(&["memory=7"]).expect("a good option").within(4096);
+        assert_eq!(on_software(&own, "gl"), "memory=7");
         assert_eq!(good.device(), Some("1"));
         for wrong in [&["fast"][..], &["=1"], &["a=1,b=2"], &["a=\0"]] {
             assert!(matches!(Options::parse(wrong), Err(OpenError::Option(_))), "{wrong:?}");

@@ -39,6 +39,8 @@ struct Settings {
     uint output_entries;
     uint looks_back;
     uint run_count;
+    uint queue;
+    uint tiles_each;
 };
 struct Vertex {
     float high_x;
@@ -256,59 +258,63 @@ void main() {
         _group_1_binding_20_cs[((4u * layer) + 1u)] = 1u;
         _group_1_binding_20_cs[((4u * layer) + 2u)] = 0u;
         _group_1_binding_20_cs[((4u * layer) + 3u)] = 0u;
+        if ((group.x == 0u)) {
+            uint _e193 = _group_1_binding_1_cs.queue;
+            _group_1_binding_13_cs[_e193] = 0u;
+        }
     }
-    uint _e189 = _group_1_binding_1_cs.capacity;
-    uint _e191 = before;
-    at = ((layer * _e189) + _e191);
+    uint _e198 = _group_1_binding_1_cs.capacity;
+    uint _e200 = before;
+    at = ((layer * _e198) + _e200);
     w_1 = first;
     bool loop_init_3 = true;
     while(true) {
         if (!loop_init_3) {
-            uint _e261 = w_1;
-            w_1 = (_e261 + 1u);
+            uint _e270 = w_1;
+            w_1 = (_e270 + 1u);
         }
         loop_init_3 = false;
-        uint _e195 = w_1;
-        if ((_e195 < end)) {
+        uint _e204 = w_1;
+        if ((_e204 < end)) {
         } else {
             break;
         }
         {
-            uint _e198 = w_1;
-            uint _e201 = _group_1_binding_14_cs[(words + _e198)];
-            word = _e201;
-            uint _e203 = word;
-            if ((_e203 == 0u)) {
+            uint _e207 = w_1;
+            uint _e210 = _group_1_binding_14_cs[(words + _e207)];
+            word = _e210;
+            uint _e212 = word;
+            if ((_e212 == 0u)) {
                 continue;
             }
-            uint _e207 = w_1;
-            _group_1_binding_14_cs[(words + _e207)] = 0u;
+            uint _e216 = w_1;
+            _group_1_binding_14_cs[(words + _e216)] = 0u;
             while(true) {
-                uint _e211 = word;
-                if ((_e211 != 0u)) {
+                uint _e220 = word;
+                if ((_e220 != 0u)) {
                 } else {
                     break;
                 }
                 {
-                    uint _e214 = w_1;
-                    uint _e217 = word;
-                    uint id = ((_e214 * 32u) + uint(findLSB(_e217)));
-                    uint _e220 = word;
-                    uint _e221 = word;
-                    word = (_e220 & (_e221 - 1u));
-                    uint _e227 = at;
-                    _group_1_binding_18_cs[(2u * _e227)] = id;
-                    uint _e232 = at;
-                    uint _e240 = _group_1_binding_13_cs[(weights + id)];
-                    _group_1_binding_18_cs[((2u * _e232) + 1u)] = _e240;
-                    uint _e242 = at;
-                    _group_1_binding_22_cs[_e242] = 0u;
-                    uint _e245 = at;
-                    at = (_e245 + 1u);
+                    uint _e223 = w_1;
+                    uint _e226 = word;
+                    uint id = ((_e223 * 32u) + uint(findLSB(_e226)));
+                    uint _e229 = word;
+                    uint _e230 = word;
+                    word = (_e229 & (_e230 - 1u));
+                    uint _e236 = at;
+                    _group_1_binding_18_cs[(2u * _e236)] = id;
+                    uint _e241 = at;
+                    uint _e249 = _group_1_binding_13_cs[(weights + id)];
+                    _group_1_binding_18_cs[((2u * _e241) + 1u)] = _e249;
+                    uint _e251 = at;
+                    _group_1_binding_22_cs[_e251] = 0u;
+                    uint _e254 = at;
+                    at = (_e254 + 1u);
                     _group_1_binding_13_cs[(weights + id)] = 0u;
-                    uint _e255 = _group_1_binding_19_cs[id];
-                    uint _e259 = _group_0_binding_0_cs.stamp;
-                    _group_1_binding_8_cs[_e255] = _e259;
+                    uint _e264 = _group_1_binding_19_cs[id];
+                    uint _e268 = _group_0_binding_0_cs.stamp;
+                    _group_1_binding_8_cs[_e264] = _e268;
                 }
             }
         }

@@ -36,6 +36,8 @@ struct Settings {
     uint output_entries;
     uint looks_back;
     uint run_count;
+    uint queue;
+    uint tiles_each;
 };
 struct Vertex {
     float high_x;

@@ -63,7 +63,41 @@ pub const TILES_ASK: OfStage = OfStage {
     storage_buffers: 8,
 };
 
+/// What a device has at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AtOnce {
+    /// [`Limits::group`].
+    pub group: u32,
+    /// [`Limits::batch`].
+    pub batch: u32,
+    /// [`Limits::tile_groups`].
+    pub tile_groups: u32,
+    /// [`Limits::tiles_each`].
+    pub tiles_each: u32,
+}
+
 impl Draw {
+    /// What a device is given at once. Choices: with fewer hemicubes or work groups a GPU's units run dry; more
+    /// hemicubes take memory, and of more work groups none takes a second tile. 2,048 groups of 64 threads and 15 KiB
+    /// are what 132 processors of 228 KiB hold (NVIDIA H100). On software, more hemicubes side by side gain nothing and
+    /// lose caches. Not measured on a GPU by compute.
+    ///
+    /// On software a group draws two tiles and ends: Mesa ends the loops of a thread after 65,535 rounds together
+    /// (`LP_MAX_TGSI_LOOP_ITERATIONS`), and a tile takes hundreds to thousands.
+    pub fn at_once(self, is_software: bool) -> AtOnce {
+        let (group, batch, tile_groups, tiles_each) = match (is_software, self) {
+            (true, _) => (1, 16, 1, 2),
+            (false, Self::Raster) => (16, 64, 1, u32::MAX),
+            (false, Self::Compute) => (128, 128, 2048, u32::MAX),
+        };
+        AtOnce {
+            group,
+            batch,
+            tile_groups,
+            tiles_each,
+        }
+    }
+
     /// Checks that a device can draw so.
     ///
     /// # Errors
@@ -106,6 +140,10 @@ pub struct Limits {
     pub group: u32,
     /// Hemicubes of a submission.
     pub batch: u32,
+    /// Work groups that take tiles from the queue of [`Draw::Compute`]: enough to fill the device.
+    pub tile_groups: u32,
+    /// Tiles that one of them draws at most. More groups draw the rest.
+    pub tiles_each: u32,
     /// True to copy depths to a buffer for the pyramid ([`crate::stage::PYRAMID_OF_COPY`]). Software reads buffers
     /// faster than textures.
     pub copies_depths: bool,
@@ -136,6 +174,10 @@ pub struct Plan {
     pub edges: Edges,
     /// The way of drawing: [`Limits::draw`].
     pub draw: Draw,
+    /// [`Limits::tile_groups`].
+    tile_groups: u32,
+    /// [`Limits::tiles_each`].
+    pub tiles_each: u32,
 }
 
 /// A buffer sized by the scene or the plan.
@@ -187,6 +229,8 @@ impl Plan {
             copies_depths: limits.copies_depths,
             edges: limits.edges,
             draw: limits.draw,
+            tile_groups: limits.tile_groups,
+            tiles_each: limits.tiles_each.max(1),
         };
         plan.batch = limits.batch.max(plan.group) / plan.group * plan.group;
         loop {
@@ -255,7 +299,8 @@ impl Plan {
             words("marks of drawn chunks", b::DRAWN, group * faces * chunks),
             words("counters", b::TALLIES, group * 8),
             words("pixel weights", b::WEIGHTS, pixel_count(self.resolution) as u64),
-            words("visible weights", b::VISIBLE, group * (patches + 2)),
+            // And the number of the next tile.
+            words("visible weights", b::VISIBLE, group * (patches + 2) + 1),
             words(
                 "marks of visible patches",
                 b::TOUCHED,
@@ -343,13 +388,22 @@ impl Plan {
         (3 * self.resolution * self.resolution).div_ceil(64 * 32)
     }
 
-    /// Tiles of a layer, across and down.
-    pub fn tile_groups(&self) -> [u32; 2] {
+    /// Tiles of a hemicube.
+    pub fn tiles(&self) -> u32 {
         let (top, side) = (
             self.resolution.div_ceil(TILE[1]),
             (self.resolution / 2).div_ceil(TILE[1]),
         );
-        [self.resolution.div_ceil(TILE[0]), top + 4 * side]
+        self.resolution.div_ceil(TILE[0]) * (top + 4 * side)
+    }
+
+    /// Work groups for each of `layers` hemicubes: together [`Limits::tile_groups`], as they take tiles from a queue, or
+    /// one for each tile if these are fewer; more where each draws [`Limits::tiles_each`].
+    pub fn tile_groups(&self, layers: u32) -> u32 {
+        let least = self.tiles().div_ceil(self.tiles_each).max(1);
+        self.tile_groups
+            .div_ceil(layers.max(1))
+            .clamp(least, self.tiles().max(least))
     }
 
     /// Work groups of the search for sub-pixel patches, in x and in z.

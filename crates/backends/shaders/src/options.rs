@@ -91,12 +91,12 @@ pub fn device_cull(options: &mut Options<'_>) -> Result<Option<Cull>, BackendErr
     Ok(choice(options, "cull", &words)?.flatten())
 }
 
-/// Takes `draw` of a backend that can draw by compute. `None`: as [`crate::probe`] finds.
+/// Takes `draw` of a backend that can draw by compute. `None`: as [`crate::probe`] finds. `culls`: culling was asked for.
 ///
 /// # Errors
 /// [`BackendError::InvalidArgument`] for any other word, and, unless it is `raster`, beside the driver's edges or
 /// culling.
-pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, cull: Option<Cull>) -> Result<Option<Draw>, BackendError> {
+pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, culls: bool) -> Result<Option<Draw>, BackendError> {
     let words = [
         ("raster", Some(Draw::Raster)),
         ("compute", Some(Draw::Compute)),
@@ -110,7 +110,7 @@ pub fn draw(options: &mut Options<'_>, edges: Option<Edges>, cull: Option<Cull>)
              `draw={word}`"
         )));
     }
-    if draw != Some(Draw::Raster) && cull.is_some() {
+    if draw != Some(Draw::Raster) && culls {
         return Err(BackendError::InvalidArgument(format!(
             "`draw=compute` leaves out what a tile cannot see: leave out `cull`, or take `draw=raster` in place of \
              `draw={word}`"

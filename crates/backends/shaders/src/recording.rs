@@ -34,7 +34,8 @@ pub enum Cull {
 pub enum Goal {
     /// Item buffers. With [`Edges::Exact`] ids are settled on the way to a row: uncovered rows are made.
     Items,
-    /// Visible weights of all patches, in [`stage::binding::VISIBLE`].
+    /// Visible weights of all patches, in [`stage::binding::VISIBLE`]: by [`Draw::Raster`] alone, as rows reset the
+    /// queue of tiles.
     Weights,
     /// Rows, in [`stage::binding::OUTPUT`].
     Rows,
@@ -158,16 +159,12 @@ impl Recording<'_> {
     /// The steps by compute alone. Item buffers are kept on the way to a row, too.
     fn add_tiles(&self, steps: &mut Vec<Step>, layers: u32) {
         let covered = self.plan.covered && self.goal == Goal::Rows;
-        let [x, y] = self.plan.tile_groups();
         let draw = if covered || self.goal == Goal::Items {
             &stage::KEEP_TILES
         } else {
             &stage::DRAW_TILES
         };
-        dispatch(steps, Phase::Render, draw, [x, y, layers]);
-        if self.goal == Goal::Weights {
-            return;
-        }
+        dispatch(steps, Phase::Render, draw, [self.plan.tile_groups(layers), layers, 1]);
         let settle = [SETTLE_GROUPS, layers, 1];
         if covered {
             dispatch(steps, Phase::Reduce, &stage::TINY_OF_ALL, settle);

@@ -34,6 +34,9 @@ pub const CAPABILITIES: Capabilities = Capabilities {
     leaves_close: true,
 };
 
+/// The choice of a session with [`Draw::Compute`].
+pub const BY_TILES: &str = "drawn by compute, tile by tile";
+
 /// Hemicubes of a call, for submissions of `batch`: four submissions. One is read back while the next is under way, and
 /// the device seldom runs dry.
 pub fn preferred_rows(batch: u32) -> usize {

@@ -175,7 +175,8 @@ stages! {
     /// Follows [`COVER`] with exact edges. Groups: [`crate::limits::SETTLE_GROUPS`], layers.
     TAKE_BACK: "settle" "take_back" Compute
         reads [SETTINGS WEIGHTS ENTRIES TOTALS] writes [HIDDEN NEAR LISTED];
-    /// Draws and reduces with [`crate::Draw::Compute`], for uncovered rows. Groups: [`crate::Plan::tile_groups`], layers.
+    /// Draws and reduces with [`crate::Draw::Compute`], for uncovered rows. Groups:
+    /// [`crate::Plan::tile_groups`], layers.
     DRAW_TILES: "tiles" "draw_tiles" Compute
         reads [SETTINGS VIEWS CHUNKS WEIGHTS VERTICES INDICES] writes [VISIBLE TOUCHED];
     /// [`DRAW_TILES`] that keeps ids and depths.

@@ -164,8 +164,8 @@ pub fn stands_on_emitter(geometry: &Geometry, upload: &Upload, hemicube: &Hemicu
     })
 }
 
-/// `Settings` of `wgsl/shared.wgsl`.
-pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
+/// `Settings` of `wgsl/shared.wgsl`, in whole vectors.
+pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 16] {
     let n = plan.resolution;
     #[allow(clippy::cast_precision_loss, reason = "at most 1024")]
     let tiny_slack = 16.0 / n as f32;
@@ -185,5 +185,9 @@ pub fn settings_words(plan: &Plan, upload: &Upload) -> [u32; 12] {
         plan.output_entries(),
         (HEMICUBES_BACK / plan.group).max(1),
         count(upload.chunks.len().div_ceil(OF_A_RUN)),
+        plan.group * (upload.patch_count.max(1) + 2),
+        plan.tiles_each,
+        0,
+        0,
     ]
 }

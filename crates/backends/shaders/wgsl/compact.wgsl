@@ -57,6 +57,9 @@ fn compact(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) g
         cover_draws[4u * layer + 1u] = 1u;
         cover_draws[4u * layer + 2u] = 0u;
         cover_draws[4u * layer + 3u] = 0u;
+        if (group.x == 0u) {
+            visible[settings.queue] = 0u;
+        }
     }
     var at = layer * settings.capacity + before;
     for (var w = first; w < end; w++) {

@@ -49,6 +49,10 @@ struct Settings {
     looks_back: u32,
     // Runs of chunks: they follow the chunks.
     run_count: u32,
+    // The word of the visible weights that numbers the next tile to draw.
+    queue: u32,
+    // Tiles that a workgroup draws at most.
+    tiles_each: u32,
 }
 
 // A corner, and the patches of the triangle owning it: src/upload.rs.

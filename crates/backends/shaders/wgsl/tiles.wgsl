@@ -7,8 +7,14 @@
 // Edges are those of the settle stage, to the bit: a centre is in a triangle if three products say so, which two
 // triangles compute with opposite signs. Depths are of triangles' planes; of equal ones the smaller id is seen.
 //
-// Triangles are prepared one a thread, then tested one after another by all threads. Bounds on what is left out are
-// exact where they can be: rounding is monotone, so that the product at a corner of the tile bounds it in between.
+// Triangles are prepared one a thread. A small one, of FEW pixels at most, its thread draws alone, into depths and ids
+// that the workgroup shares: depths first, then ids where the depth is still there. Large ones are tested one after
+// another by all threads, each on its own pixels. Bounds on what is left out are exact where they can be: rounding is
+// monotone, so that the product at a corner of the tile bounds it in between.
+//
+// Workgroups are persistent: each takes the next tile of all hemicubes of a group from a queue, until none is left or it
+// has drawn `tiles_each`. Mesa's drivers on the processor end all loops of a thread after 65,535 rounds together: a tile
+// is drawn whole or not added up, and then the row's sum is short, which is an error.
 
 @group(1) @binding(3) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(12) var<storage, read> weights: array<u32>;
@@ -31,6 +37,11 @@ const OF_A_RUN: u32 = 32u;
 const NOBODY: u32 = 0xffffffffu;
 // Nearer than any depth.
 const NEAREST: f32 = 3e38;
+const PIXELS: u32 = 32u * HIGH;
+// Pixel centres within the bounds of a small triangle, at most. A choice: with 4 to 64, a room of 10,240 triangles takes
+// 116 to 74 ms on lavapipe (191 without small ones), the tile the same (docs/dev/gpu.md). On a GPU, threads that wait for
+// the one with the largest triangle take as long as all do to test eight large ones.
+const FEW: u32 = 32u;
 
 // A triangle prepared for a tile.
 struct Ready {
@@ -45,6 +56,8 @@ struct Ready {
     // The rows that it may cover, as directions: the least and the greatest y.
     low: f32,
     high: f32,
+    // The pixels of the tile that it may cover: x, y of the first, columns, rows. Without columns it is not seen.
+    box: vec4<u32>,
 }
 
 // The directions of a tile's outermost pixel centres, in whole numbers: x, y of the first, x, y of the last.
@@ -70,6 +83,9 @@ var<workgroup> ready: array<Ready, GROUP>;
 var<workgroup> ready_count: atomic<u32>;
 // The farthest depth of the tile: bits of floats above 0 are in their order.
 var<workgroup> farthest: atomic<u32>;
+// Depths of the small triangles, as bits, and their ids.
+var<workgroup> small_depths: array<atomic<u32>, PIXELS>;
+var<workgroup> small_ids: array<atomic<u32>, PIXELS>;
 
 fn tile_of(v: View, group: vec2<u32>) -> Tile {
     let n = settings.resolution;
@@ -205,12 +221,14 @@ fn points_at_the_eye(t: Outline) -> bool {
     return found;
 }
 
-// Prepares a triangle, if it may be seen in the tile.
-fn prepare(v: View, tile: Tile, number: u32) {
+// Prepares a triangle. Its box is empty if it is not seen in the tile.
+fn prepare(v: View, tile: Tile, number: u32) -> Ready {
+    var found: Ready;
+    found.box = vec4<u32>(0u);
     let n = f32(settings.resolution);
     let a = vertices[indices[3u * number]];
     if (a.front == v.emitter || a.back == v.emitter) {
-        return;
+        return found;
     }
     let b = vertices[indices[3u * number + 1u]];
     let c = vertices[indices[3u * number + 2u]];
@@ -231,11 +249,11 @@ fn prepare(v: View, tile: Tile, number: u32) {
     let deepest = max(max(p.z, q.z), r.z);
     let is_beyond = any(all < vec4<f32>(slack * (extent.x + extent.y + extent.z)));
     if (is_beyond || deepest <= 0.0 || t.volume == 0.0) {
-        return;
+        return found;
     }
-    var found: Ready;
     found.low = -NEAREST;
     found.high = NEAREST;
+    var box = vec4<u32>(0u, 0u, 32u, HIGH);
     let shallowest = min(min(p.z, q.z), r.z);
     if (shallowest > 0.0 && !points_at_the_eye(t)) {
         // Sides are those of the corners but for rounding, and for heights put into the emitter's plane.
@@ -246,18 +264,20 @@ fn prepare(v: View, tile: Tile, number: u32) {
         let low = min(min(a_on, b_on), c_on) - margin;
         let high = max(max(a_on, b_on), c_on) + margin;
         // Most triangles of a fine mesh lie between the centres of two pixels.
-        let first = tile.ends.xy + 2.0 * ceil(max(0.5 * (low - tile.ends.xy), vec2<f32>(0.0)));
-        if (any(first > min(high, tile.ends.zw))) {
-            return;
+        let first = ceil(max(0.5 * (low - tile.ends.xy), vec2<f32>(0.0)));
+        let last = floor(0.5 * (min(high, tile.ends.zw) - tile.ends.xy));
+        if (any(first > last)) {
+            return found;
         }
         found.low = low.y;
         found.high = high.y;
+        box = vec4<u32>(vec2<u32>(first), vec2<u32>(last - first) + 1u);
     }
     for (var k = 0u; k < 3u; k++) {
         let side = t.sides[k];
         found.sides[k] = vec4<f32>(side, select(0.0, 1.0, side_of(side, vec3<f32>(0.0)) > 0.0));
         if (dot_fused(side, greatest_in(tile, side, n)) < 0.0) {
-            return;
+            return found;
         }
     }
     found.id = select(a.front, a.back, t.volume > 0.0);
@@ -273,10 +293,55 @@ fn prepare(v: View, tile: Tile, number: u32) {
     found.least = v.near / deepest * 0.999999;
     found.greatest = select(1.0, min(v.near / shallowest * 1.000001, 1.0), shallowest > 0.0);
     let nearest = dot_fused(found.plane.xyz, greatest_in(tile, found.plane.xyz, n));
-    if (clamp(nearest, found.least, found.greatest) * factor < bitcast<f32>(atomicLoad(&farthest))) {
-        return;
+    if (clamp(nearest, found.least, found.greatest) * factor >= bitcast<f32>(atomicLoad(&farthest))) {
+        found.box = box;
     }
-    ready[atomicAdd(&ready_count, 1u)] = found;
+    return found;
+}
+
+// Draws a small triangle into the shared pixels: its depths, or its ids where nothing nearer was drawn.
+fn draw_small(tile: Tile, t: Ready, ids_now: bool) {
+    let n = f32(settings.resolution);
+    for (var i = 0u; i < t.box.z * t.box.w; i++) {
+        let at = t.box.xy + vec2<u32>(i % t.box.z, i / t.box.z);
+        let direction = tile.ends.xy + 2.0 * vec2<f32>(at);
+        let x = vec4<f32>(direction.x);
+        let inside = is_inside(t.sides[0], x, direction.y, n).x
+            && is_inside(t.sides[1], x, direction.y, n).x
+            && is_inside(t.sides[2], x, direction.y, n).x;
+        if (!inside) {
+            continue;
+        }
+        let bits = bitcast<u32>(depth_at(t, x, direction.y, n).x);
+        let pixel = 32u * at.y + at.x;
+        if (ids_now) {
+            if (atomicLoad(&small_depths[pixel]) == bits) {
+                atomicMin(&small_ids[pixel], t.id);
+            }
+        } else if (atomicMax(&small_depths[pixel], bits) < bits) {
+            atomicStore(&small_ids[pixel], NOBODY);
+        }
+    }
+}
+
+// Takes what small triangles show in a thread's pixels, the first of them at a place of the tile.
+fn take_small(first: vec2<u32>) {
+    for (var k = 0u; k < STRIPS; k++) {
+        for (var i = 0u; i < 4u; i++) {
+            let pixel = 32u * (first.y + 8u * k) + first.x + i;
+            let depth = bitcast<f32>(atomicLoad(&small_depths[pixel]));
+            let id = atomicLoad(&small_ids[pixel]);
+            if (depth > depths[k][i] || (depth == depths[k][i] && id < ids[k][i])) {
+                depths[k][i] = depth;
+                ids[k][i] = id;
+            }
+        }
+    }
+}
+
+fn depth_at(t: Ready, x: vec4<f32>, y: f32, n: f32) -> vec4<f32> {
+    let plane = fma(vec4<f32>(t.plane.x), x, vec4<f32>(fma(t.plane.y, y, t.plane.z * n)));
+    return clamp(plane, vec4<f32>(t.least), vec4<f32>(t.greatest)) * t.plane.w;
 }
 
 // The corner of a tile where a product is greatest.
@@ -303,8 +368,7 @@ fn test(x: vec4<f32>, y: f32) {
             let inside = is_inside(t.sides[0], x, down, n)
                 & is_inside(t.sides[1], x, down, n)
                 & is_inside(t.sides[2], x, down, n);
-            let plane = fma(vec4<f32>(t.plane.x), x, vec4<f32>(fma(t.plane.y, down, t.plane.z * n)));
-            let depth = clamp(plane, vec4<f32>(t.least), vec4<f32>(t.greatest)) * t.plane.w;
+            let depth = depth_at(t, x, down, n);
             let best = depths[k];
             let nearer = inside & ((depth > best) | ((depth == best) & (vec4<u32>(t.id) < ids[k])));
             depths[k] = select(best, depth, nearer);
@@ -341,13 +405,25 @@ fn draw_listed(local: u32, v: View, tile: Tile, x: vec4<f32>, y: f32) {
                 atomicStore(&ready_count, 0u);
             }
             workgroupBarrier();
+            var mine: Ready;
+            mine.box = vec4<u32>(0u);
             if (part + local < count) {
-                prepare(v, tile, first + part + local);
+                mine = prepare(v, tile, first + part + local);
+            }
+            let is_small = mine.box.z * mine.box.w <= FEW;
+            if (is_small) {
+                draw_small(tile, mine, false);
+            } else {
+                ready[atomicAdd(&ready_count, 1u)] = mine;
             }
             workgroupBarrier();
+            if (is_small) {
+                draw_small(tile, mine, true);
+            }
             test(x, y);
             workgroupBarrier();
         }
+        take_small(vec2<u32>(4u * (local % 8u), local / 8u));
         if (local == 0u) {
             atomicStore(&farthest, 0x7f000000u);
         }
@@ -372,6 +448,10 @@ fn draw(local: u32, v: View, tile: Tile) {
         let is_beyond = vec4<bool>(at.y + 8u * k >= v.rows) | (vec4<u32>(0u, 1u, 2u, 3u) + at.x >= vec4<u32>(n));
         depths[k] = select(vec4<f32>(0.0), vec4<f32>(NEAREST), is_beyond);
         ids[k] = vec4<u32>(settings.patch_count + 1u);
+    }
+    for (var pixel = local; pixel < PIXELS; pixel += GROUP) {
+        atomicStore(&small_depths[pixel], 0u);
+        atomicStore(&small_ids[pixel], NOBODY);
     }
     if (local == 0u) {
         atomicStore(&farthest, 0u);
@@ -419,34 +499,84 @@ fn add_up(local: u32, v: View, tile: Tile) {
     }
 }
 
-// For rows without covered weights. Groups: tiles across, tiles of all faces down, layers.
-@compute @workgroup_size(GROUP)
-fn draw_tiles(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
-    let face_and_row = face_of_tile(group.y);
-    let v = views[(view.slot + group.z) * 5u + face_and_row.x];
-    let tile = tile_of(v, vec2<u32>(group.x, face_and_row.y));
-    draw(local, v, tile);
-    add_up(local, v, tile);
-}
-
-// The face of a row of tiles, and its number there.
-fn face_of_tile(row: u32) -> vec2<u32> {
+// A tile's place: its column, its row on its face, and the number of its view.
+fn place_of(number: u32, of_layer: u32) -> vec3<u32> {
+    let across = (settings.resolution + 31u) / 32u;
     let top = (settings.resolution + HIGH - 1u) / HIGH;
     let side = (settings.resolution / 2u + HIGH - 1u) / HIGH;
+    let first_view = 5u * (view.slot + number / of_layer);
+    let column = number % of_layer % across;
+    let row = number % of_layer / across;
     if (row < top) {
-        return vec2<u32>(0u, row);
+        return vec3<u32>(column, row, first_view);
     }
-    return vec2<u32>(1u + (row - top) / side, (row - top) % side);
+    return vec3<u32>(column, (row - top) % side, first_view + 1u + (row - top) / side);
+}
+
+// Tiles of a hemicube: `Plan::tiles`.
+fn tiles_of_hemicube() -> u32 {
+    let across = (settings.resolution + 31u) / 32u;
+    let top = (settings.resolution + HIGH - 1u) / HIGH;
+    let side = (settings.resolution / 2u + HIGH - 1u) / HIGH;
+    return across * (top + 4u * side);
+}
+
+// The number of the next tile, for all threads of a workgroup that has drawn so many; `NOBODY` where it draws no more.
+fn take_tile(local: u32, drawn: u32) -> u32 {
+    if (local == 0u) {
+        chosen = NOBODY;
+        if (drawn < settings.tiles_each) {
+            chosen = atomicAdd(&visible[settings.queue], 1u);
+        }
+    }
+    return workgroupUniformLoad(&chosen);
+}
+
+// Returns whether loops go on: once a driver has ended one, it ends every later one after its first round.
+fn loops_go_on() -> bool {
+    var at = 0u;
+    while (at < settings.resolution) {
+        at += 8u;
+    }
+    return at >= settings.resolution;
+}
+
+// For rows without covered weights. Groups: any number, layers: together they draw the tiles of all layers.
+@compute @workgroup_size(GROUP)
+fn draw_tiles(@builtin(local_invocation_index) local: u32, @builtin(num_workgroups) groups: vec3<u32>) {
+    let of_layer = tiles_of_hemicube();
+    var drawn = 0u;
+    for (var number = take_tile(local, 0u); number < groups.y * of_layer; number = take_tile(local, drawn)) {
+        let place = place_of(number, of_layer);
+        let v = views[place.z];
+        let tile = tile_of(v, place.xy);
+        draw(local, v, tile);
+        if (loops_go_on()) {
+            add_up(local, v, tile);
+        }
+        drawn++;
+    }
 }
 
 // For covered weights, and for item buffers: keeps ids and depths, too.
 @compute @workgroup_size(GROUP)
-fn keep_tiles(@builtin(local_invocation_index) local: u32, @builtin(workgroup_id) group: vec3<u32>) {
-    let face_and_row = face_of_tile(group.y);
-    let v = views[(view.slot + group.z) * 5u + face_and_row.x];
-    let tile = tile_of(v, vec2<u32>(group.x, face_and_row.y));
-    draw(local, v, tile);
-    add_up(local, v, tile);
+fn keep_tiles(@builtin(local_invocation_index) local: u32, @builtin(num_workgroups) groups: vec3<u32>) {
+    let of_layer = tiles_of_hemicube();
+    var drawn = 0u;
+    for (var number = take_tile(local, 0u); number < groups.y * of_layer; number = take_tile(local, drawn)) {
+        let place = place_of(number, of_layer);
+        let v = views[place.z];
+        let tile = tile_of(v, place.xy);
+        draw(local, v, tile);
+        if (loops_go_on()) {
+            add_up(local, v, tile);
+        }
+        drawn++;
+        keep(local, v, tile);
+    }
+}
+
+fn keep(local: u32, v: View, tile: Tile) {
     let n = settings.resolution;
     for (var k = 0u; k < STRIPS; k++) {
         let at = tile.first + vec2<u32>(4u * (local % 8u), local / 8u + 8u * k);

@@ -39,7 +39,7 @@ use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{self, HEADER_WORDS, append_rows, entry_words, unculled_triangles};
 use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::probe::{self, Probe};
-use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
+use hemicube_shaders::session::{self, BY_TILES, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, stands_on_emitter, submission_views};
 use hemicube_shaders::{Cull, Draw, Goal, Limits, OfStage, Phase};
 use options::Options;
@@ -76,7 +76,7 @@ pub fn devices() -> Result<Vec<Device>, BackendError> {
             kind: conv::device_kind(kind),
             capabilities: CAPABILITIES,
             max_resolution: *RESOLUTIONS.end(),
-            preferred_rows: preferred_rows(batch_of(kind == vk::PhysicalDeviceType::CPU).1),
+            preferred_rows: preferred_rows(Draw::Raster.at_once(kind == vk::PhysicalDeviceType::CPU).batch),
         })
         .collect())
 }
@@ -274,22 +274,19 @@ impl Session {
     }
 }
 
-/// Hemicubes side by side, and of a submission. On software more side by side gain nothing and lose caches.
-fn batch_of(is_software: bool) -> (u32, u32) {
-    if is_software { (1, 8) } else { (16, 64) }
-}
-
 /// The limits to plan by.
 fn limits(gpu: &Gpu, options: Options) -> Limits {
-    let (group, batch) = batch_of(gpu.is_software);
-    let group = options.group.unwrap_or(group);
+    let at_once = options.draw.at_once(gpu.is_software);
+    let group = options.group.unwrap_or(at_once.group);
     Limits {
         storage_range: u64::from(gpu.limits.max_storage_buffer_range),
         memory: options.memory.unwrap_or_else(|| gpu.memory()),
         layers: gpu.limits.max_image_array_layers,
         image_edge: gpu.limits.max_image_dimension2_d.min(gpu.limits.max_framebuffer_height),
         group,
-        batch: options.batch.unwrap_or(batch).max(group),
+        batch: options.batch.unwrap_or(at_once.batch).max(group),
+        tile_groups: at_once.tile_groups,
+        tiles_each: at_once.tiles_each,
         copies_depths: gpu.is_software,
         edges: options.edges,
         draw: options.draw,
@@ -596,7 +593,7 @@ impl HemicubeBackend for Session {
     fn choices(&self) -> Vec<String> {
         let how = |loaded: &Loaded| match loaded.scene.plan.draw {
             Draw::Raster => loaded.judge.line(),
-            Draw::Compute => "drawn by compute, tile by tile".to_owned(),
+            Draw::Compute => BY_TILES.to_owned(),
         };
         let probe = self.options.probe.iter().map(Probe::line);
         self.loaded.iter().map(how).chain(probe).collect()

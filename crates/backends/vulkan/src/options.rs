@@ -30,7 +30,7 @@ impl Options {
         let mut given = hemicube_abi::Options::parse(text)?;
         let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
-        let drawn = draw(&mut given, common.edges, cull)?;
+        let drawn = draw(&mut given, common.edges, cull.is_some())?;
         let mut options = Self {
             cull,
             edges: common.edges.unwrap_or_default(),

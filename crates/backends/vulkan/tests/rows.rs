@@ -4,10 +4,9 @@ use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, HemicubeBackend, RenderSettings};
 use hemicube_backend_vulkan::{devices as list, open};
 use hemicube_scene::Subdivision;
-use hemicube_scene::generate::Kind;
 use hemicube_tests::devices::{self, Opened, is_there, neighbours, some};
 use hemicube_tests::rows::render_with;
-use hemicube_tests::scenes::{generated, model, read, say, scenes_or_skip};
+use hemicube_tests::scenes::{model, read, say, scenes_or_skip};
 
 fn vulkan(options: &str) -> Opened {
     Ok(Box::new(open(0, &format!("validation=on,{options}"))?))
@@ -48,24 +47,24 @@ fn rows_drawn_by_compute_are_the_cpu_s() {
 }
 
 #[test]
-#[ignore = "a minute and a half on a driver that renders on the processor: ./test --full"]
-fn rows_of_large_cities_drawn_by_compute_are_the_cpu_s() {
+#[ignore = "a driver that renders on the processor compiles these shaders for half a minute: ./test --full"]
+fn rows_drawn_by_compute_do_not_depend_on_batches_or_the_run() {
     if !is_there("vulkan", &vulkan("")) {
         return;
     }
-    let agrees = |name: &str, model: &Model, most| {
-        devices::agrees_with_the_cpu(&vulkan, "draw=compute", name, model, most);
-    };
-    let towers = generated(Kind::BlockCity, 140_000);
-    agrees("140,000 patches of towers", &towers, devices::EXACT_EDGES);
-    let Some(folder) = scenes_or_skip("rows_of_large_cities_drawn_by_compute") else {
-        return;
-    };
-    let of_file = |file: &str, cut| model(read(&folder, file).expect("a readable scene"), cut);
-    let munich = of_file("../cases/city/munich.obj", Subdivision::None);
-    agrees("munich", &munich, devices::SHARED_WALLS);
-    let fine = of_file("city/denhaag-8897.obj", Subdivision::Levels(2));
-    agrees("denhaag-8897 ×16", &fine, devices::SHARED_WALLS);
+    let options = ["draw=compute", "draw=compute,batch=1", "draw=compute,group=5,batch=10"];
+    let (name, model) = devices::scenes().swap_remove(0);
+    for (resolution, covered) in [(64, true), (176, false)] {
+        devices::rows_do_not_depend(&vulkan, &options, name, &model, &some(&model, 24), covered, resolution);
+    }
+}
+
+#[test]
+#[ignore = "a minute and a half on a driver that renders on the processor: ./test --full"]
+fn rows_of_large_cities_drawn_by_compute_are_the_cpu_s() {
+    if is_there("vulkan", &vulkan("")) {
+        devices::cities_agree_with_the_cpu(&vulkan, "draw=compute");
+    }
 }
 
 #[test]

@@ -7,18 +7,13 @@ use crate::conv;
 use crate::options::Options;
 use hemicube_contract::backend::{BackendError, RESOLUTIONS};
 use hemicube_shaders::stage::Stage;
-use hemicube_shaders::{Limits, OfStage, session};
+use hemicube_shaders::{Draw, Limits, OfStage, session};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{
     Backends, BindGroupLayout, ComputePipeline, DeviceType, Features, InstanceFlags, PipelineCompilationOptions,
     PipelineLayout, RenderPipeline, ShaderModule,
 };
-
-/// Hemicubes side by side in the stages, and of a submission. On a processor more gain nothing and lose caches; a GPU
-/// wants its units filled.
-const ON_SOFTWARE: (u32, u32) = (1, 16);
-const ON_GPU: (u32, u32) = (16, 64);
 
 /// Memory to take on a driver running on the processor: Mesa's has a heap of 2 GiB. wgpu does not tell a GPU's memory;
 /// there, a failing allocation is reported.
@@ -110,15 +105,11 @@ pub(crate) fn describe(info: &wgpu::AdapterInfo) -> String {
 /// Returns the largest resolution, and the hemicubes of a call that keep submissions following one another.
 pub(crate) fn sizes(adapter: &wgpu::Adapter) -> (u32, usize) {
     let edge = adapter.limits().max_texture_dimension_2d;
-    let (_, batch) = group_and_batch(adapter.get_info().device_type);
+    let at_once = Draw::Raster.at_once(adapter.get_info().device_type == DeviceType::Cpu);
     (
         RESOLUTIONS.end().min(&(edge / 3)) / 16 * 16,
-        session::preferred_rows(batch),
+        session::preferred_rows(at_once.batch),
     )
-}
-
-fn group_and_batch(kind: DeviceType) -> (u32, u32) {
-    if kind == DeviceType::Cpu { ON_SOFTWARE } else { ON_GPU }
 }
 
 impl Device {
@@ -173,8 +164,8 @@ impl Device {
             let _ = noted.lost.set(format!("{reason:?}: {message}"));
         });
         let is_software = info.device_type == DeviceType::Cpu;
-        let (group, batch) = group_and_batch(info.device_type);
-        let batch = options.batch.unwrap_or(batch);
+        let at_once = options.draw.at_once(is_software);
+        let batch = options.batch.unwrap_or(at_once.batch);
         let memory = if is_software { SOFTWARE_MEMORY } else { u64::MAX };
         Ok(Self {
             raw,
@@ -187,8 +178,10 @@ impl Device {
                 copies_depths: is_software,
                 edges: options.edges,
                 draw: options.draw,
-                group: options.group.unwrap_or(group).min(batch),
+                group: options.group.unwrap_or(at_once.group).min(batch),
                 batch,
+                tile_groups: at_once.tile_groups,
+                tiles_each: at_once.tiles_each,
             },
             is_software,
             counts_draws,

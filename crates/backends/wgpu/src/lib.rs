@@ -44,7 +44,7 @@ use hemicube_contract::row::RowBlock;
 use hemicube_shaders::output::{self, unculled_triangles};
 use hemicube_shaders::pass::{draws, first_depths};
 use hemicube_shaders::probe::{self, Probe};
-use hemicube_shaders::session::{self, CAPABILITIES, VERSION, not_loaded, preferred_rows};
+use hemicube_shaders::session::{self, BY_TILES, CAPABILITIES, VERSION, not_loaded, preferred_rows};
 use hemicube_shaders::stage::binding as b;
 use hemicube_shaders::view::{FIRST_STAMP, pass_views, submission_views};
 use hemicube_shaders::{Cull, Draw, Goal, Plan, Recording, Upload};
@@ -475,7 +475,7 @@ impl HemicubeBackend for Session {
         let mut choices = vec![
             match loaded.plan.draw {
                 Draw::Raster => loaded.policy.choice(),
-                Draw::Compute => "drawn by compute, tile by tile".to_owned(),
+                Draw::Compute => BY_TILES.to_owned(),
             },
             format!("{batch} hemicubes a submission, {group} side by side"),
         ];

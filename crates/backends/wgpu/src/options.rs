@@ -38,7 +38,7 @@ impl Options {
         let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
         let memory = number(&mut given, "memory", 1, u32::MAX)?.map(|mib| u64::from(mib) << 20);
-        let drawn = draw(&mut given, common.edges, cull)?;
+        let drawn = draw(&mut given, common.edges, cull.is_some())?;
         let mut options = Self {
             cull,
             edges: common.edges.unwrap_or_default(),

@@ -10,7 +10,7 @@ use crate::enclosure;
 use crate::exit::{self, Exit, hinted};
 use crate::forecast;
 use crate::level;
-use crate::prepare::{Prepared, RepairCounts, prepare};
+use crate::prepare::{BUILT_IN, Prepared, RepairCounts, of_devices, prepare};
 use crate::progress::{self, Bar, Status};
 use crate::report::{
     self, BackendReport, Input, JsonReport, Listing, SCHEMA, Spread, TEMPORARY_SUFFIX, count, counted, duration,
@@ -400,7 +400,7 @@ fn run_bands(
             shard
         });
     let json = JsonReport::asked(&arguments.report);
-    let backend = arguments.render.open_backend(talk)?;
+    let backend = arguments.render.open_backend(arguments.patches.memory, talk)?;
     outputs.iter().try_for_each(|output| check_place(&output.directory))?;
     let status = Status::open(arguments.process.progress_file.as_deref())?;
     let opened = Opened {
@@ -566,7 +566,7 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     };
     let sessions = Sessions {
         rows: backend,
-        calibration: arguments.render.open_backend(Talk::SILENT)?,
+        calibration: arguments.render.open_backend(arguments.patches.memory, Talk::SILENT)?,
     };
     let has_portals = !portals.is_empty();
     let job = Job {
@@ -589,11 +589,13 @@ fn compute_into(arguments: &Arguments, scene: &Path, opened: Opened<'_>, json: O
     if let Some(limit) = arguments.patches.memory {
         let rows = forecast_rows(&run, entries_per_row, arguments.batch);
         let surfaces = prepared.model.geometry().surfaces.len() as u64;
-        let besides = if casts_rays(&run) {
-            bytes_of_rays(surfaces, run.threads)
-        } else {
-            0
-        };
+        let mut besides = 0;
+        if run.backend().info().name != BUILT_IN {
+            besides += of_devices(limit);
+        }
+        if casts_rays(&run) {
+            besides += bytes_of_rays(surfaces, run.threads);
+        }
         run.threads = keep_within(limit, besides, run.threads, rows, talk)?;
     }
 
@@ -1070,7 +1072,8 @@ fn check_place(directory: &Path) -> Result<()> {
     tried.map(drop).with_context(|| format!("`{shown}` cannot be written"))
 }
 
-/// The number of threads that keeps the run within a limit of memory, where a backend takes so much `besides`.
+/// The number of threads that keeps the run within a limit of memory, where a backend other than the built-in one takes so
+/// much `besides`.
 fn keep_within(limit: u64, besides: u64, threads: usize, rows: forecast::Rows, talk: Talk) -> Result<usize> {
     let Some(resident) = report::resident_memory_bytes() else {
         talk.warn("this system does not tell how much memory is in use: `--memory` is not kept");

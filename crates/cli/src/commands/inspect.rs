@@ -66,7 +66,7 @@ pub(crate) fn run(arguments: Arguments, talk: Talk) -> Result<Exit> {
         bail!("a scene is needed")
     };
     let json = JsonReport::asked(&arguments.report);
-    let mut backend = arguments.render.open_backend(talk)?;
+    let mut backend = arguments.render.open_backend(arguments.patches.memory, talk)?;
     let prepared = prepare(path, &arguments.patches, &arguments.render, arguments.render.work())?;
     let (reading, preparing) = (peak_memory_bytes(), processor_seconds());
     let mut surveyed = survey(&prepared.scene, &prepared.scene.repaired);

@@ -27,6 +27,8 @@ fn plan(upload: &Upload, covered: bool, draw: Draw, edges: Edges, copies_depths:
         image_edge: 4096,
         group: 4,
         batch: 8,
+        tile_groups: 16,
+        tiles_each: u32::MAX,
         copies_depths,
         edges,
         draw,
@@ -82,6 +84,9 @@ fn every_step_reads_what_was_written_before() {
             for kind in 0..16 {
                 let edges = if kind & 1 == 0 { Edges::Driver } else { Edges::Exact };
                 let draw = if kind & 8 == 0 { Draw::Raster } else { Draw::Compute };
+                if draw == Draw::Compute && goal == Goal::Weights {
+                    continue;
+                }
                 let plan = plan(&upload, kind & 2 != 0, draw, edges, kind & 4 != 0);
                 let recording = Recording {
                     plan: &plan,
@@ -105,7 +110,6 @@ fn every_step_reads_what_was_written_before() {
                 }
                 let last = steps.last().expect("steps");
                 let expected = match goal {
-                    Goal::Weights if draw == Draw::Compute => Phase::Render,
                     Goal::Items if draw == Draw::Raster && edges == Edges::Driver => Phase::Render,
                     Goal::Weights => Phase::Reduce,
                     _ => Phase::ReadBack,

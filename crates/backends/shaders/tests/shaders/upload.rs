@@ -182,6 +182,8 @@ fn what_does_not_fit_is_refused_and_named() {
         image_edge: 16384,
         group: 4,
         batch: 32,
+        tile_groups: 16,
+        tiles_each: u32::MAX,
         copies_depths: true,
         edges: Edges::Driver,
         draw: Draw::Raster,
