@@ -546,7 +546,8 @@ impl ArrayFile {
     }
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use super::*;
     use hemicube_store::Store;
