@@ -318,11 +318,11 @@ fn a_limit_of_memory_holds_for_devices_that_have_no_memory_of_their_own() {
             continue;
         };
         let compute = format!(
-            "compute room.obj -o {name} --backend {name} --threads 2 --correction pixel --resolution 512 --memory 64M"
+            "compute room.obj -o {name} --backend {name} --threads 2 --correction pixel --resolution 1024 --memory 256M"
         );
         if session.library().devices().expect("devices")[0].kind == DeviceKind::Software {
             let said = run(&compute);
-            assert!(said.contains("of which 8000000 may be used"), "{name}: {said}");
+            assert!(said.contains("of which 32000000 may be used"), "{name}: {said}");
         }
         let said = run(&format!("{compute} --backend-option memory=1000000000"));
         assert!(!said.contains("may be used"), "{name}: {said}");

@@ -1226,31 +1226,26 @@ void add_up(uint local_25, View v_16, Tile tile_8) {
     return;
 }
 
-uvec3 place_of(uint number_4, uint of_layer) {
-    uint _e4 = _group_1_binding_1_cs.resolution;
-    uint across = ((_e4 + 31u) / 32u);
-    uint _e11 = _group_1_binding_1_cs.resolution;
-    uint top = (((_e11 + HIGH) - 1u) / HIGH);
-    uint _e20 = _group_1_binding_1_cs.resolution;
-    uint side_2 = ((((_e20 / 2u) + HIGH) - 1u) / HIGH);
-    uint _e32 = _group_0_binding_0_cs.slot;
-    uint first_view = (5u * (_e32 + (number_4 / of_layer)));
-    uint column = ((number_4 % of_layer) % across);
-    uint row = ((number_4 % of_layer) / across);
-    if ((row < top)) {
-        return uvec3(column, row, first_view);
-    }
-    return uvec3(column, ((row - top) % side_2), ((first_view + 1u) + ((row - top) / side_2)));
+uvec3 tiles_of_faces() {
+    uint n_11 = _group_1_binding_1_cs.resolution;
+    return uvec3(((n_11 + 31u) / 32u), (((n_11 + HIGH) - 1u) / HIGH), ((((n_11 / 2u) + HIGH) - 1u) / HIGH));
 }
 
 uint tiles_of_hemicube() {
-    uint _e2 = _group_1_binding_1_cs.resolution;
-    uint across_1 = ((_e2 + 31u) / 32u);
-    uint _e9 = _group_1_binding_1_cs.resolution;
-    uint top_1 = (((_e9 + HIGH) - 1u) / HIGH);
-    uint _e18 = _group_1_binding_1_cs.resolution;
-    uint side_3 = ((((_e18 / 2u) + HIGH) - 1u) / HIGH);
-    return (across_1 * (top_1 + (4u * side_3)));
+    uvec3 _e0 = tiles_of_faces();
+    return (_e0.x * (_e0.y + (4u * _e0.z)));
+}
+
+uvec3 place_of(uint number_4, uint of_layer) {
+    uvec3 _e2 = tiles_of_faces();
+    uint _e6 = _group_0_binding_0_cs.slot;
+    uint first_view = (5u * (_e6 + (number_4 / of_layer)));
+    uint column = ((number_4 % of_layer) % _e2.x);
+    uint row = ((number_4 % of_layer) / _e2.x);
+    if ((row < _e2.y)) {
+        return uvec3(column, row, first_view);
+    }
+    return uvec3(column, ((row - _e2.y) % _e2.z), ((first_view + 1u) + ((row - _e2.y) / _e2.z)));
 }
 
 uint take_tile(uint local_27, uint drawn_2) {
@@ -1290,6 +1285,17 @@ bool loops_go_on() {
     return (_e10 >= _e13);
 }
 
+void draw_whole(uint local_28, View v_17, Tile tile_9) {
+    draw(local_28, v_17, tile_9);
+    bool _e3 = loops_go_on();
+    if (_e3) {
+        add_up(local_28, v_17, tile_9);
+        return;
+    } else {
+        return;
+    }
+}
+
 void main() {
     if (gl_LocalInvocationID == uvec3(0u)) {
         numbers = uint[384](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u);
@@ -1316,9 +1322,9 @@ void main() {
     bool loop_init_15 = true;
     while(true) {
         if (!loop_init_15) {
-            uint _e24 = drawn;
-            uint _e25 = take_tile(local, _e24);
-            number = _e25;
+            uint _e23 = drawn;
+            uint _e24 = take_tile(local, _e23);
+            number = _e24;
         }
         loop_init_15 = false;
         uint _e8 = number;
@@ -1329,15 +1335,11 @@ void main() {
         {
             uint _e12 = number;
             uvec3 _e13 = place_of(_e12, _e2);
-            View v_18 = _group_1_binding_2_cs[_e13.z];
-            Tile _e19 = tile_of(v_18, _e13.xy);
-            draw(local, v_18, _e19);
-            bool _e20 = loops_go_on();
-            if (_e20) {
-                add_up(local, v_18, _e19);
-            }
-            uint _e22 = drawn;
-            drawn = (_e22 + 1u);
+            View v_19 = _group_1_binding_2_cs[_e13.z];
+            Tile _e19 = tile_of(v_19, _e13.xy);
+            draw_whole(local, v_19, _e19);
+            uint _e21 = drawn;
+            drawn = (_e21 + 1u);
         }
     }
     return;

@@ -1230,31 +1230,26 @@ void add_up(uint local_25, View v_16, Tile tile_8) {
     return;
 }
 
-uvec3 place_of(uint number_4, uint of_layer) {
-    uint _e4 = _group_1_binding_1_cs.resolution;
-    uint across = ((_e4 + 31u) / 32u);
-    uint _e11 = _group_1_binding_1_cs.resolution;
-    uint top = (((_e11 + HIGH) - 1u) / HIGH);
-    uint _e20 = _group_1_binding_1_cs.resolution;
-    uint side_2 = ((((_e20 / 2u) + HIGH) - 1u) / HIGH);
-    uint _e32 = _group_0_binding_0_cs.slot;
-    uint first_view = (5u * (_e32 + (number_4 / of_layer)));
-    uint column = ((number_4 % of_layer) % across);
-    uint row = ((number_4 % of_layer) / across);
-    if ((row < top)) {
-        return uvec3(column, row, first_view);
-    }
-    return uvec3(column, ((row - top) % side_2), ((first_view + 1u) + ((row - top) / side_2)));
+uvec3 tiles_of_faces() {
+    uint n_11 = _group_1_binding_1_cs.resolution;
+    return uvec3(((n_11 + 31u) / 32u), (((n_11 + HIGH) - 1u) / HIGH), ((((n_11 / 2u) + HIGH) - 1u) / HIGH));
 }
 
 uint tiles_of_hemicube() {
-    uint _e2 = _group_1_binding_1_cs.resolution;
-    uint across_1 = ((_e2 + 31u) / 32u);
-    uint _e9 = _group_1_binding_1_cs.resolution;
-    uint top_1 = (((_e9 + HIGH) - 1u) / HIGH);
-    uint _e18 = _group_1_binding_1_cs.resolution;
-    uint side_3 = ((((_e18 / 2u) + HIGH) - 1u) / HIGH);
-    return (across_1 * (top_1 + (4u * side_3)));
+    uvec3 _e0 = tiles_of_faces();
+    return (_e0.x * (_e0.y + (4u * _e0.z)));
+}
+
+uvec3 place_of(uint number_4, uint of_layer) {
+    uvec3 _e2 = tiles_of_faces();
+    uint _e6 = _group_0_binding_0_cs.slot;
+    uint first_view = (5u * (_e6 + (number_4 / of_layer)));
+    uint column = ((number_4 % of_layer) % _e2.x);
+    uint row = ((number_4 % of_layer) / _e2.x);
+    if ((row < _e2.y)) {
+        return uvec3(column, row, first_view);
+    }
+    return uvec3(column, ((row - _e2.y) % _e2.z), ((first_view + 1u) + ((row - _e2.y) / _e2.z)));
 }
 
 uint take_tile(uint local_27, uint drawn_2) {
@@ -1294,11 +1289,22 @@ bool loops_go_on() {
     return (_e10 >= _e13);
 }
 
-void keep(uint local_28, View v_17, Tile tile_9) {
+void draw_whole(uint local_28, View v_17, Tile tile_9) {
+    draw(local_28, v_17, tile_9);
+    bool _e3 = loops_go_on();
+    if (_e3) {
+        add_up(local_28, v_17, tile_9);
+        return;
+    } else {
+        return;
+    }
+}
+
+void keep(uint local_29, View v_18, Tile tile_10) {
     uint k_8 = 0u;
-    bool local_29 = false;
+    bool local_30 = false;
     uint i_5 = 0u;
-    uint n_11 = _group_1_binding_1_cs.resolution;
+    uint n_12 = _group_1_binding_1_cs.resolution;
     bool loop_init_15 = true;
     while(true) {
         if (!loop_init_15) {
@@ -1313,15 +1319,15 @@ void keep(uint local_28, View v_17, Tile tile_9) {
         }
         {
             uint _e19 = k_8;
-            uvec2 at_5 = (tile_9.first + uvec2((4u * (local_28 % 8u)), ((local_28 / 8u) + (8u * _e19))));
-            if ((at_5.x < n_11)) {
-                local_29 = (at_5.y < v_17.rows);
+            uvec2 at_5 = (tile_10.first + uvec2((4u * (local_29 % 8u)), ((local_29 / 8u) + (8u * _e19))));
+            if ((at_5.x < n_12)) {
+                local_30 = (at_5.y < v_18.rows);
             } else {
-                local_29 = false;
+                local_30 = false;
             }
-            bool _e32 = local_29;
+            bool _e32 = local_30;
             if (_e32) {
-                uint row_1 = (v_17.first_row + at_5.y);
+                uint row_1 = (v_18.first_row + at_5.y);
                 i_5 = 0u;
                 bool loop_init_16 = true;
                 while(true) {
@@ -1341,12 +1347,12 @@ void keep(uint local_28, View v_17, Tile tile_9) {
                         uint _e50 = k_8;
                         uint _e52 = i_5;
                         uint _e54 = ids[_e50][_e52];
-                        imageStore(_group_1_binding_29_cs, ivec3(there, int(v_17.layer)), uvec4(_e54, 0u, 0u, 0u));
+                        imageStore(_group_1_binding_29_cs, ivec3(there, int(v_18.layer)), uvec4(_e54, 0u, 0u, 0u));
                         uint _e68 = i_5;
                         uint _e72 = k_8;
                         uint _e74 = i_5;
                         float _e76 = depths[_e72][_e74];
-                        _group_1_binding_25_cs[((((((v_17.layer * 3u) * n_11) + row_1) * n_11) + at_5.x) + _e68)] = _e76;
+                        _group_1_binding_25_cs[((((((v_18.layer * 3u) * n_12) + row_1) * n_12) + at_5.x) + _e68)] = _e76;
                     }
                 }
             }
@@ -1381,9 +1387,9 @@ void main() {
     bool loop_init_17 = true;
     while(true) {
         if (!loop_init_17) {
-            uint _e24 = drawn_1;
-            uint _e25 = take_tile(local_1, _e24);
-            number_1 = _e25;
+            uint _e23 = drawn_1;
+            uint _e24 = take_tile(local_1, _e23);
+            number_1 = _e24;
         }
         loop_init_17 = false;
         uint _e8 = number_1;
@@ -1394,16 +1400,12 @@ void main() {
         {
             uint _e12 = number_1;
             uvec3 _e13 = place_of(_e12, _e2);
-            View v_18 = _group_1_binding_2_cs[_e13.z];
-            Tile _e19 = tile_of(v_18, _e13.xy);
-            draw(local_1, v_18, _e19);
-            bool _e20 = loops_go_on();
-            if (_e20) {
-                add_up(local_1, v_18, _e19);
-            }
-            uint _e22 = drawn_1;
-            drawn_1 = (_e22 + 1u);
-            keep(local_1, v_18, _e19);
+            View v_19 = _group_1_binding_2_cs[_e13.z];
+            Tile _e19 = tile_of(v_19, _e13.xy);
+            draw_whole(local_1, v_19, _e19);
+            keep(local_1, v_19, _e19);
+            uint _e21 = drawn_1;
+            drawn_1 = (_e21 + 1u);
         }
     }
     return;

@@ -256,7 +256,7 @@ impl Plan {
             } else {
                 return Err(BackendError::OutOfMemory(format!(
                     "{} patches at resolution {resolution} need {bytes} bytes on the device, \
-                     of which {} may be used; take a coarser scene, a lower resolution or the CPU",
+                     of which {} may be used; take a coarser scene, a lower resolution, a higher limit or the CPU",
                     upload.patch_count, limits.memory
                 )));
             }

@@ -499,26 +499,28 @@ fn add_up(local: u32, v: View, tile: Tile) {
     }
 }
 
-// A tile's place: its column, its row on its face, and the number of its view.
-fn place_of(number: u32, of_layer: u32) -> vec3<u32> {
-    let across = (settings.resolution + 31u) / 32u;
-    let top = (settings.resolution + HIGH - 1u) / HIGH;
-    let side = (settings.resolution / 2u + HIGH - 1u) / HIGH;
-    let first_view = 5u * (view.slot + number / of_layer);
-    let column = number % of_layer % across;
-    let row = number % of_layer / across;
-    if (row < top) {
-        return vec3<u32>(column, row, first_view);
-    }
-    return vec3<u32>(column, (row - top) % side, first_view + 1u + (row - top) / side);
+// Tiles of a hemicube: columns of a face, rows of its top and of a side.
+fn tiles_of_faces() -> vec3<u32> {
+    let n = settings.resolution;
+    return vec3<u32>((n + 31u) / 32u, (n + HIGH - 1u) / HIGH, (n / 2u + HIGH - 1u) / HIGH);
 }
 
 // Tiles of a hemicube: `Plan::tiles`.
 fn tiles_of_hemicube() -> u32 {
-    let across = (settings.resolution + 31u) / 32u;
-    let top = (settings.resolution + HIGH - 1u) / HIGH;
-    let side = (settings.resolution / 2u + HIGH - 1u) / HIGH;
-    return across * (top + 4u * side);
+    let tiles = tiles_of_faces();
+    return tiles.x * (tiles.y + 4u * tiles.z);
+}
+
+// A tile's place: its column, its row on its face, and the number of its view.
+fn place_of(number: u32, of_layer: u32) -> vec3<u32> {
+    let tiles = tiles_of_faces();
+    let first_view = 5u * (view.slot + number / of_layer);
+    let column = number % of_layer % tiles.x;
+    let row = number % of_layer / tiles.x;
+    if (row < tiles.y) {
+        return vec3<u32>(column, row, first_view);
+    }
+    return vec3<u32>(column, (row - tiles.y) % tiles.z, first_view + 1u + (row - tiles.y) / tiles.z);
 }
 
 // The number of the next tile, for all threads of a workgroup that has drawn so many; `NOBODY` where it draws no more.
@@ -541,6 +543,14 @@ fn loops_go_on() -> bool {
     return at >= settings.resolution;
 }
 
+// Draws a tile and adds it up.
+fn draw_whole(local: u32, v: View, tile: Tile) {
+    draw(local, v, tile);
+    if (loops_go_on()) {
+        add_up(local, v, tile);
+    }
+}
+
 // For rows without covered weights. Groups: any number, layers: together they draw the tiles of all layers.
 @compute @workgroup_size(GROUP)
 fn draw_tiles(@builtin(local_invocation_index) local: u32, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -549,11 +559,7 @@ fn draw_tiles(@builtin(local_invocation_index) local: u32, @builtin(num_workgrou
     for (var number = take_tile(local, 0u); number < groups.y * of_layer; number = take_tile(local, drawn)) {
         let place = place_of(number, of_layer);
         let v = views[place.z];
-        let tile = tile_of(v, place.xy);
-        draw(local, v, tile);
-        if (loops_go_on()) {
-            add_up(local, v, tile);
-        }
+        draw_whole(local, v, tile_of(v, place.xy));
         drawn++;
     }
 }
@@ -567,12 +573,9 @@ fn keep_tiles(@builtin(local_invocation_index) local: u32, @builtin(num_workgrou
         let place = place_of(number, of_layer);
         let v = views[place.z];
         let tile = tile_of(v, place.xy);
-        draw(local, v, tile);
-        if (loops_go_on()) {
-            add_up(local, v, tile);
-        }
-        drawn++;
+        draw_whole(local, v, tile);
         keep(local, v, tile);
+        drawn++;
     }
 }
 

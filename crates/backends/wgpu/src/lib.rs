@@ -16,7 +16,7 @@
 //! | `draw` | `raster` (default), `compute` (compute shaders alone, with exact edges) or `auto` (the faster of them) |
 //! | `batch` | hemicubes of a submission |
 //! | `group` | hemicubes side by side in the stages |
-//! | `memory` | MiB to take on the device |
+//! | `memory` | bytes to take on the device |
 //! | `timing` | `on`: measure the time of each stage |
 //! | `counts` | `off`: do without draw counts from the device, as on Metal |
 //! | `validation` | `on`: the driver's validation layer, if it is installed |

@@ -1,7 +1,7 @@
 //! The options of a session.
 
 use hemicube_contract::backend::BackendError;
-use hemicube_shaders::options::{Common, MOST_BATCH, device_cull, draw, number};
+use hemicube_shaders::options::{Common, MOST_BATCH, bytes, device_cull, draw};
 use hemicube_shaders::probe::Probe;
 use hemicube_shaders::{Cull, Draw, Edges};
 
@@ -37,7 +37,7 @@ impl Options {
         let mut given = hemicube_abi::Options::parse(text)?;
         let cull = device_cull(&mut given)?;
         let common = Common::take(&mut given, MOST_BATCH)?;
-        let memory = number(&mut given, "memory", 1, u32::MAX)?.map(|mib| u64::from(mib) << 20);
+        let memory = bytes(&mut given, "memory")?;
         let drawn = draw(&mut given, common.edges, cull.is_some())?;
         let mut options = Self {
             cull,

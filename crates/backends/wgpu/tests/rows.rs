@@ -4,7 +4,7 @@ use glam::DVec3;
 use hemicube::Model;
 use hemicube::backend::{BackendError, Counters, Culling, Hemicube, HemicubeBackend, RenderSettings, StageTimes};
 use hemicube::delta::DeltaTable;
-use hemicube::row::RowBlock;
+use hemicube::row::{RowBlock, RowError};
 use hemicube_backend_cpu::CpuBackend;
 use hemicube_backend_wgpu::{devices, open, open_with_fault};
 use hemicube_scene::{InputPatch, Scene, Triangle};
@@ -222,6 +222,29 @@ fn a_wrong_shader_makes_other_rows() {
             let wrong = apart(from, to);
             assert!(wrong.worst > EXACT_EDGES.row, "`{to}`: {wrong:?}");
         }
+    });
+}
+
+/// Mesa's drivers on the processor end the loops of a thread after 65,535 rounds together. A work group that takes tiles
+/// without an end runs into that; what it was drawing is not added up, and the row's sum says so.
+#[test]
+fn a_tile_that_a_driver_cuts_short_is_an_error() {
+    on_a_device(|| {
+        if devices().expect("devices")[0].kind != hemicube_abi::DeviceKind::Software {
+            say("SKIP a_tile_that_a_driver_cuts_short: a GPU ends no loops");
+            return;
+        }
+        let (_, room) = scenes().swap_remove(0);
+        let all = some(&room, 6);
+        let sum_of = |to| {
+            let mut session = open_with_fault(0, TILES[0], "drawn < settings.tiles_each", to).expect("it was there");
+            let mut rows = RowBlock::default();
+            session.load(room.geometry(), settings(256, false)).expect("it fits");
+            session.rows(&all, &mut rows).expect("rows");
+            rows.check(all.len(), room.geometry().patch_count, false)
+        };
+        assert_eq!(sum_of("drawn < settings.tiles_each"), Ok(()));
+        assert!(matches!(sum_of("true"), Err(RowError::Sum { .. })));
     });
 }
 
@@ -475,7 +498,7 @@ fn a_lost_device_is_reported_and_another_goes_on() {
 fn what_does_not_fit_is_refused_and_the_session_goes_on() {
     on_a_device(|| {
         let (model, hemicubes) = small();
-        let mut session = open(0, "memory=1").expect("it was there");
+        let mut session = open(0, "memory=1048576").expect("it was there");
         let refused = session
             .load(model.geometry(), settings(1024, false))
             .expect_err("1 MiB");
