@@ -397,8 +397,8 @@ impl Plan {
         self.resolution.div_ceil(TILE[0]) * (top + 4 * side)
     }
 
-    /// Work groups for each of `layers` hemicubes: together [`Limits::tile_groups`], as they take tiles from a queue, or
-    /// one for each tile if these are fewer; more where each draws [`Limits::tiles_each`].
+    /// Work groups for each of `layers` hemicubes: together [`Limits::tile_groups`], as they take tiles from a queue,
+    /// or one for each tile if these are fewer; more where each draws [`Limits::tiles_each`].
     pub fn tile_groups(&self, layers: u32) -> u32 {
         let least = self.tiles().div_ceil(self.tiles_each).max(1);
         self.tile_groups
