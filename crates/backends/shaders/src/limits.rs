@@ -83,7 +83,8 @@ impl Draw {
     /// lose caches. Not measured on a GPU by compute.
     ///
     /// On software a group draws two tiles and ends: Mesa ends the loops of a thread after 65,535 rounds together
-    /// (`LP_MAX_TGSI_LOOP_ITERATIONS`), and a tile takes hundreds to thousands.
+    /// (`LP_MAX_TGSI_LOOP_ITERATIONS`), and a tile takes hundreds to thousands. With 16 tiles a room takes 63 ms in place
+    /// of 103 (`device_rate 128 8 room vulkan:draw=compute`), but an eighth of the rounds is left for each.
     pub fn at_once(self, is_software: bool) -> AtOnce {
         let (group, batch, tile_groups, tiles_each) = match (is_software, self) {
             (true, _) => (1, 16, 1, 2),

@@ -230,16 +230,18 @@ fn a_wrong_shader_makes_other_rows() {
 #[test]
 fn a_tile_that_a_driver_cuts_short_is_an_error() {
     on_a_device(|| {
-        if devices().expect("devices")[0].kind != hemicube_abi::DeviceKind::Software {
-            say("SKIP a_tile_that_a_driver_cuts_short: a GPU ends no loops");
+        // Of 6,144 tiles each of 16 processors has too many; of more, none may.
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        if devices().expect("devices")[0].kind != hemicube_abi::DeviceKind::Software || processors > 16 {
+            say("SKIP a_tile_that_a_driver_cuts_short: a GPU ends no loops, nor do more than 16 processors");
             return;
         }
         let (_, room) = scenes().swap_remove(0);
-        let all = some(&room, 6);
+        let all = some(&room, 2);
         let sum_of = |to| {
             let mut session = open_with_fault(0, TILES[0], "drawn < settings.tiles_each", to).expect("it was there");
             let mut rows = RowBlock::default();
-            session.load(room.geometry(), settings(256, false)).expect("it fits");
+            session.load(room.geometry(), settings(1024, false)).expect("it fits");
             session.rows(&all, &mut rows).expect("rows");
             rows.check(all.len(), room.geometry().patch_count, false)
         };
