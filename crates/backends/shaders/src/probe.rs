@@ -5,7 +5,7 @@
 //! process: all sessions of a run draw alike.
 //!
 //! The two ways differ in bits of rows, so that an interrupted matrix goes on only if the next run takes the same. Hence
-//! compute has to be clearly faster ([`CLEARLY`]) in the least of [`TURNS`] turns. Counts of instructions would be
+//! compute has to be clearly faster (`CLEARLY`) in the least of `TURNS` turns. Counts of instructions would be
 //! repeatable, but tell nothing of a rasteriser made of hardware; on drivers that run on the processor, compute takes 13
 //! to 28 times as long (docs/dev/gpu.md).
 //!
