@@ -99,7 +99,15 @@ fn met_by(geometry: &Geometry, rays: &Rays<'_>, [start, end]: [DVec3; 2], wider:
         let is_within = [1.0, -1.0]
             .iter()
             .any(|sign| sides.iter().zip(edges).all(|(s, edge)| sign * s >= -edge));
-        let place = at_start / (at_start - at_end);
+        // A plane that the ray grazes may be crossed far from the triangle, and a wider triangle is no nearer.
+        let depths = [a, b, c].map(|p| (p - start).dot(along) / along.length_squared());
+        let (nearest_corner, farthest_corner) =
+            depths.iter().fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), &d| {
+                (low.min(d), high.max(d))
+            });
+        let place = (at_start / (at_start - at_end))
+            .max(nearest_corner)
+            .min(farthest_corner);
         if is_within && at_start * at_end < 0.0 && place < nearest.0 {
             let back = surface.back.map_or(Items::BLOCKED, |patch| patch.0);
             nearest = (place, if at_start > 0.0 { surface.front.0 } else { back });
@@ -235,6 +243,24 @@ mod tests {
         sure_at_edges(&exact, geometry, &rays).expect_err("exact, and too sure");
         let doubtful = vec![Rays::DOUBTFUL; ends.len()];
         assert_eq!(sure_at_edges(&doubtful, geometry, &rays), Ok(()));
+    }
+
+    /// A gable in the plane of which the ray starts is crossed at its start, and is itself behind a roof near by.
+    #[test]
+    fn a_wider_triangle_seen_edge_on_is_no_nearer() {
+        let model = TestScene::City.model();
+        let geometry = model.geometry();
+        let emitter = InputPatch(92);
+        let (normal, corners) = plane(geometry, emitter).expect("it has area");
+        let ends = along_edges(geometry, normal, corners)[8];
+        let rays = Rays {
+            emitter,
+            normal,
+            offset: normal.dot(corners[0]),
+            ends: &[ends],
+        };
+        assert_eq!(met(geometry, &rays, ends), 107);
+        assert_eq!(sure_at_edges(&[107], geometry, &rays), Ok(()));
     }
 
     #[test]
