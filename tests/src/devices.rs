@@ -135,9 +135,10 @@ pub fn some(model: &Model, count: usize) -> Vec<Hemicube> {
 /// Runs of neighbours in the order of work: the driver's batches.
 pub fn neighbours(model: &Model, count: usize) -> Vec<Hemicube> {
     let order: Vec<_> = model.order().collect();
-    let runs = (count / 16).max(1);
+    let runs = count.div_ceil(16);
     let chosen: Vec<_> = (0..runs)
         .flat_map(|run| order[run * order.len() / runs..].iter().take(16).copied())
+        .take(count)
         .collect();
     hemicubes(model, &chosen)
 }
