@@ -8,14 +8,14 @@ use crate::args::{
 use crate::exit::hinted;
 use crate::report::{Input, counted, size};
 use anyhow::{Context, Result, anyhow};
-use hemicube::backend::HemicubeBackend;
+use hemicube::backend::{BackendError, HemicubeBackend};
 use hemicube::driver::input::{SceneInput, SceneSettings as GivenSettings};
 use hemicube::driver::room::{self, Work};
 pub(crate) use hemicube::driver::settings::axis_name;
 use hemicube::store::Store;
 use hemicube::{Grouping, HierarchyOptions, Model};
 use hemicube_backend_cpu::{CpuBackend, EngineChoice, with_close};
-use hemicube_host::{Environment, LoadedBackend, OPENS_LIBRARIES, Options, Registry, Search};
+use hemicube_host::{Environment, LoadedBackend, OPENS_LIBRARIES, OpenError, Options, Registry, Search};
 use hemicube_scene::repair::RepairReport;
 use hemicube_scene::{Axis, Budget, Patches, ReadOptions, Scene, Subdivision, Triangle};
 use serde::Serialize;
@@ -281,9 +281,16 @@ impl EngineSettings {
         }
         let registry = registry();
         if self.backend != "auto" {
-            let backend = registry
-                .open(&self.backend, options)
-                .map_err(|error| hinted(error.into(), BACKENDS_HINT))?;
+            let backend = registry.open(&self.backend, options).map_err(|error| {
+                let hint = match &error {
+                    OpenError::Backend {
+                        source: BackendError::InvalidArgument(_),
+                        ..
+                    } => "`device`, `passes` and `rays` are options of every backend",
+                    _ => BACKENDS_HINT,
+                };
+                hinted(error.into(), hint)
+            })?;
             return self.loaded(backend);
         }
         // Not those of this run: a store must not depend on how many compute it. Where another part of a store was

@@ -44,6 +44,11 @@ pub enum Draw {
 /// Columns and rows of a tile of `wgsl/tiles.wgsl`.
 pub const TILE: [u32; 2] = [32, 16];
 
+/// Tiles of a submission at most: those of 128 hemicubes at N = 128. A choice: with more, a GPU of few units is at one
+/// submission for longer than its driver waits before it resets the device (2 s on Windows, `TdrDelay`); with fewer,
+/// [`Limits::tile_groups`] have hardly a tile each. Not measured on a GPU.
+const TILES_AT_ONCE: u32 = 12_288;
+
 /// What a stage of a device may have at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OfStage {
@@ -233,7 +238,13 @@ impl Plan {
             tile_groups: limits.tile_groups,
             tiles_each: limits.tiles_each.max(1),
         };
-        plan.batch = limits.batch.max(plan.group) / plan.group * plan.group;
+        let mut batch = limits.batch;
+        if plan.draw == Draw::Compute {
+            let most = (TILES_AT_ONCE / plan.tiles()).max(1);
+            plan.group = plan.group.min(most);
+            batch = batch.min(most);
+        }
+        plan.batch = batch.max(plan.group) / plan.group * plan.group;
         loop {
             let too_long = plan
                 .sizes(upload)

@@ -96,6 +96,7 @@ fn capabilities(can: Capabilities) -> Vec<&'static str> {
         (can.items, "items"),
         (can.lossless_culling, "lossless-culling"),
         (can.passes, "passes"),
+        (can.rays, "rays"),
         (can.leaves_close, "leaves-close"),
     ]
     .into_iter()

@@ -237,6 +237,22 @@ fn what_does_not_fit_is_refused_and_named() {
         draw: Draw::Compute,
         ..exact
     };
+    // A submission ends soon, at any resolution.
+    for resolution in [128, 256, 1024] {
+        let many = Limits {
+            group: 128,
+            batch: 128,
+            memory: 1 << 40,
+            storage_range: 1 << 40,
+            ..tiles
+        };
+        let plan = Plan::new(&upload, RenderSettings { resolution, ..settings }, many).expect("plenty");
+        assert_eq!(
+            (plan.batch, plan.batch * plan.tiles()),
+            (plan.group, 12_288),
+            "{resolution}"
+        );
+    }
     let tiles = Plan::new(&upload, settings, tiles).expect("plenty").bytes(&upload);
     assert!(tiles < Plan::new(&upload, settings, exact).expect("plenty").bytes(&upload));
     upload.patch_count = u32::MAX / 2;
