@@ -703,12 +703,6 @@ void list(uint local_11, View v_11, bool only_seen, bool against_depths_1) {
 }
 
 void main() {
-    if (gl_LocalInvocationID == uvec3(0u)) {
-        chosen = uint[4](0u, 0u, 0u, 0u);
-        sums = uint[4](0u, 0u, 0u, 0u);
-    }
-    memoryBarrierShared();
-    barrier();
     uint local = gl_LocalInvocationIndex;
     uvec3 group = gl_WorkGroupID;
     uint _e5 = _group_0_binding_0_cs.slot;

@@ -164,11 +164,6 @@ void store(uint local_2, uvec3 tile_2, uvec3 group_2, float farthest_of_tile) {
 }
 
 void main() {
-    if (gl_LocalInvocationID == uvec3(0u)) {
-        tiles = float[16](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    }
-    memoryBarrierShared();
-    barrier();
     uint local_1 = gl_LocalInvocationIndex;
     uvec3 tile_1 = gl_GlobalInvocationID;
     uvec3 group_1 = gl_WorkGroupID;

@@ -87,12 +87,12 @@ impl Draw {
     /// are what 132 processors of 228 KiB hold (NVIDIA H100). On software, more hemicubes side by side gain nothing and
     /// lose caches. Not measured on a GPU by compute.
     ///
-    /// On software a group draws two tiles and ends: Mesa ends the loops of a thread after 65,535 rounds together
-    /// (`LP_MAX_TGSI_LOOP_ITERATIONS`), and a tile takes hundreds to thousands. With 16 tiles a room takes 63 ms in place
-    /// of 103 (`device_rate 128 8 room vulkan:draw=compute`), but an eighth of the rounds is left for each.
+    /// On software a group draws one tile and ends: Mesa ends the loops of a thread after 65,535 rounds together
+    /// (`LP_MAX_TGSI_LOOP_ITERATIONS`), and a tile takes hundreds to thousands. With 16 tiles a room takes 61 ms in place
+    /// of 65 (`device_rate 128 16 room vulkan:draw=compute`), but a sixteenth of the rounds is left for each.
     pub fn at_once(self, is_software: bool) -> AtOnce {
         let (group, batch, tile_groups, tiles_each) = match (is_software, self) {
-            (true, _) => (1, 16, 1, 2),
+            (true, _) => (1, 16, 1, 1),
             (false, Self::Raster) => (16, 64, 1, u32::MAX),
             (false, Self::Compute) => (128, 128, 2048, u32::MAX),
         };

@@ -40,6 +40,8 @@ fn to_spirv(stage: &Stage) -> Vec<u8> {
         // Indices are in bounds by construction.
         bounds_check_policies: naga::proc::BoundsCheckPolicies::default(),
         force_loop_bounding: false,
+        // Stages set what they share before they read it. One thread would write zeros for all.
+        zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
         ..Default::default()
     };
     let pipeline = spv::PipelineOptions {
@@ -64,10 +66,11 @@ fn to_glsl(stage: &Stage) -> String {
     });
     let options = glsl::Options {
         version: glsl::Version::Desktop(450),
-        // Likewise; with glClipControl(LOWER_LEFT, ZERO_TO_ONE).
+        // No ADJUST_COORDINATE_SPACE, with glClipControl(LOWER_LEFT, ZERO_TO_ONE).
         writer_flags: glsl::WriterFlags::empty(),
         binding_map: map.collect(),
-        ..Default::default()
+        // As for SPIR-V.
+        zero_initialize_workgroup_memory: false,
     };
     let pipeline = glsl::PipelineOptions {
         shader_stage: shader_stage(stage),
