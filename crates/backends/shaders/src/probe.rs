@@ -7,7 +7,7 @@
 //! The two ways differ in bits of rows, so that an interrupted matrix goes on only if the next run takes the same. Hence
 //! compute has to be clearly faster (`CLEARLY`) in the least of `TURNS` turns. Counts of instructions would be
 //! repeatable, but tell nothing of a rasteriser made of hardware; on drivers that run on the processor, compute takes 5
-//! to 6 times the instructions and 5 to 14 times as long (docs/dev/gpu.md).
+//! to 6 times the instructions and 6 to 12 times as long (docs/dev/gpu.md).
 //!
 //! Cost: 8 to 1,024 hemicubes either way, the next turn twice the one before, until one takes 50 ms; then two turns more.
 
